@@ -494,8 +494,8 @@ def report_times(poses: Sequence[SubscribedPose], status: StatusContent) -> None
         f"99 % {high:.2f}, max {interval_ms.max():.2f}"
     )
     print(
-        f"latency of the last frames, ms: median {status['timing']['latency_p50_ms']:.1f}, "
-        f"99 % {status['timing']['latency_p99_ms']:.1f}"
+        f"latency of the last frames, ms: median {status['latency']['p50_ms']:.1f}, "
+        f"99 % {status['latency']['p99_ms']:.1f}"
     )
 
 

@@ -19,5 +19,5 @@ with PoseClient(connect=endpoint) as client:
         current = (status["state"], status["reason"], *status["warnings"])
         if current != previous:
             previous = current
-            details = [f"{status['timing']['fps']:.0f} poses a second", *filter(None, current[1:])]
+            details = [f"{status['latency']['fps']:.0f} poses a second", *filter(None, current[1:])]
             print(f"{status['state']}: {'; '.join(details)}", flush=True)

@@ -23,10 +23,10 @@ from vo_service.types.estimate import Estimate, OnlineFocalLength, OnlineTiming
 from vo_service.types.failure_reasons import FailureReasons, strip_numbers
 from vo_service.types.messages import (
     CameraReport,
+    LatencyReport,
     MapReport,
     RecorderReport,
     Status,
-    TimingReport,
     TrackingReport,
 )
 from vo_service.types.odometry import Odometry
@@ -195,7 +195,7 @@ class Service:
             warnings=warnings,
             camera=self._camera_report(),
             tracking=self._tracking_report(),
-            timing=self.statistics.make_timing_report(STAGE_BUDGETS_MS.get(self._method, {})),
+            latency=self.statistics.make_latency_report(STAGE_BUDGETS_MS.get(self._method, {})),
             map=self._map_report(),
             recorder=RecorderReport(self._control.recording),
         )
@@ -363,17 +363,17 @@ class ServiceStatistics:
         """Standard deviation of the last frame intervals, ms; 0 before the second frame."""
         return pstdev(self._interval_ms) if self._interval_ms else 0.0
 
-    def make_timing_report(self, stage_budget_ms: Mapping[str, float]) -> TimingReport:
+    def make_latency_report(self, stage_budget_ms: Mapping[str, float]) -> LatencyReport:
         """Make the report of the last seconds. All times are 0 before the first frame.
 
         Args:
             stage_budget_ms: Budget by stage, ms, copied into the report.
         """
         p50, p99 = np.percentile(list(self._latency_ms) or [0.0], (50, 99))
-        return TimingReport(
+        return LatencyReport(
             fps=self._recent_fps(),
-            latency_p50_ms=float(p50),
-            latency_p99_ms=float(p99),
+            p50_ms=float(p50),
+            p99_ms=float(p99),
             cpu_ms_per_frame=_recent_median(self._cpu_ms),
             stage_ms={stage: _recent_median(spent) for stage, spent in self._stages_ms.items()},
             stage_mean_ms={stage: self._recent_mean_ms(stage) for stage in self._stages_ms},

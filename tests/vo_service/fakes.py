@@ -22,10 +22,10 @@ from drivers.core.geometry import Array
 from vo_service.types.estimate import Estimate
 from vo_service.types.messages import (
     CameraReport,
+    LatencyReport,
     MapReport,
     RecorderReport,
     Status,
-    TimingReport,
     TrackingReport,
 )
 from vo_service.types.odometry_update import LevelSource, OdometryUpdate, TrackingState
@@ -78,7 +78,7 @@ def make_status(**changes: Any) -> Status:
             jitter_ms=0.5,
         ),
         tracking=TrackingReport("surf", features=980, matches=400, inliers=300, frames=100),
-        timing=TimingReport(fps=29.9, latency_p50_ms=11.0, latency_p99_ms=19.5),
+        latency=LatencyReport(fps=29.9, p50_ms=11.0, p99_ms=19.5),
         map=MapReport(),
         recorder=RecorderReport(),
     )

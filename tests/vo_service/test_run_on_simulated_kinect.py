@@ -127,7 +127,7 @@ def test_a_kinect_with_a_lower_rate_is_tracked(
     so_far = len(service.received.poses)
     plugged_in_again_at(10, kinect, service)
     service.wait_for_status(
-        lambda status: status["state"] == "tracking" and 1.0 < status["timing"]["fps"] < 12.0
+        lambda status: status["state"] == "tracking" and 1.0 < status["latency"]["fps"] < 12.0
     )
     plugged_in_again_at(30, kinect, service)
     check_poses(service.received.poses[so_far:])

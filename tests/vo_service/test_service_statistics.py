@@ -35,8 +35,8 @@ def run(count: int, period_s: float) -> tuple[ServiceStatistics, FakeClock]:
 
 def test_before_the_first_frame_everything_is_zero() -> None:
     statistics = ServiceStatistics()
-    timing = statistics.make_timing_report({})
-    assert (timing.fps, timing.latency_p50_ms, timing.latency_p99_ms) == (0.0, 0.0, 0.0)
+    latency = statistics.make_latency_report({})
+    assert (latency.fps, latency.p50_ms, latency.p99_ms) == (0.0, 0.0, 0.0)
     assert (statistics.mean_fps, statistics.cpu_ms_per_frame, statistics.stage_ms) == (0.0, 0.0, {})
 
 
@@ -44,25 +44,25 @@ def test_before_the_first_frame_everything_is_zero() -> None:
 @pytest.mark.parametrize("seconds", [0.5, 10.0])
 def test_the_rate_is_right_from_the_first_frames(fps: float, seconds: float) -> None:
     statistics, _ = run(round(fps * seconds) + 1, 1 / fps)
-    assert statistics.make_timing_report({}).fps == pytest.approx(fps, rel=1e-6)
+    assert statistics.make_latency_report({}).fps == pytest.approx(fps, rel=1e-6)
     assert statistics.mean_fps == pytest.approx(fps, rel=1e-6)
 
 
 def test_the_rate_falls_when_frames_stop() -> None:
     statistics, clock = run(61, 1 / 30)
     clock.now_s += 1.0
-    assert statistics.make_timing_report({}).fps < 20.0
+    assert statistics.make_latency_report({}).fps < 20.0
     clock.now_s += 1.5
-    assert statistics.make_timing_report({}).fps == 0.0
+    assert statistics.make_latency_report({}).fps == 0.0
 
 
 def test_latencies_are_percentiles_of_the_last_hundred_frames() -> None:
     statistics = ServiceStatistics(FakeClock())
     for latency_ms in [9000.0] * 50 + list(range(1, 101)):
         statistics.add(result(good_estimate(np.eye(4)), latency_s=latency_ms / 1e3), cpu_ms=1.0)
-    timing = statistics.make_timing_report({})
-    assert timing.latency_p50_ms == pytest.approx(50.5)
-    assert timing.latency_p99_ms == pytest.approx(99.01)
+    latency = statistics.make_latency_report({})
+    assert latency.p50_ms == pytest.approx(50.5)
+    assert latency.p99_ms == pytest.approx(99.01)
 
 
 def test_processor_times_are_medians() -> None:
@@ -78,9 +78,9 @@ def test_stage_means_are_of_the_last_hundred_frames_and_add_up() -> None:
     of_frames = [{"align": 900.0}] * 50 + [{"align": 2.0}] * 90 + [{"align": 2.0, "new": 4.0}] * 10
     for stage_ms in of_frames:
         statistics.add(replace(result(good_estimate(np.eye(4))), stage_ms=stage_ms), cpu_ms=1.0)
-    timing = statistics.make_timing_report({})
-    assert timing.stage_ms == {"align": 2.0, "new": 4.0}
-    assert timing.stage_mean_ms == pytest.approx({"align": 2.0, "new": 0.4})
+    latency = statistics.make_latency_report({})
+    assert latency.stage_ms == {"align": 2.0, "new": 4.0}
+    assert latency.stage_mean_ms == pytest.approx({"align": 2.0, "new": 0.4})
 
 
 def test_failed_frames_are_counted() -> None:

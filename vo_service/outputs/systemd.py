@@ -82,5 +82,5 @@ def _status_line(status: Status) -> str:
     """Format state, reason, rate and warnings as one line."""
     parts = [f"{status.state}: {status.reason}" if status.reason else f"{status.state}"]
     parts += ["paused"] if status.paused else []
-    parts += [f"{status.timing.fps:.0f} poses/s", *status.warnings]
+    parts += [f"{status.latency.fps:.0f} poses/s", *status.warnings]
     return " ".join("; ".join(parts).split())[:MAX_STATUS_CHARS]

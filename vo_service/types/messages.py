@@ -131,14 +131,14 @@ class TrackingReport:
 
 
 @dataclass(frozen=True)
-class TimingReport:
+class LatencyReport:
     """How fast poses come, and the CPU time of the odometry."""
 
     fps: Annotated[float, "poses per second, over the last two seconds"] = 0.0
-    latency_p50_ms: Annotated[
+    p50_ms: Annotated[
         float, "from a frame's arrival to its pose, median of the last 100 frames"
     ] = 0.0
-    latency_p99_ms: Annotated[float, "the same, 99th percentile"] = 0.0
+    p99_ms: Annotated[float, "the same, 99th percentile"] = 0.0
     cpu_ms_per_frame: Annotated[
         float, "CPU time of the odometry, median of the last 100 frames"
     ] = 0.0
@@ -190,7 +190,7 @@ class Status:
     warnings: Annotated[tuple[str, ...], "faults other than tracking, one clause each"]
     camera: Annotated[CameraReport, "the camera and its frames"]
     tracking: Annotated[TrackingReport, "the odometry and its last frame"]
-    timing: Annotated[TimingReport, "how fast poses come, and the CPU time of the odometry"]
+    latency: Annotated[LatencyReport, "how fast poses come, and the CPU time of the odometry"]
     map: Annotated[MapReport, "loop closure, localization, saved and loaded maps"]
     recorder: Annotated[RecorderReport, "the recorder"]
 

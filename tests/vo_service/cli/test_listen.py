@@ -141,7 +141,7 @@ def test_json_is_one_object_per_line(endpoint: str) -> None:
         status = json.loads(printed(process))
         robot.pose(1.0)
         pose = json.loads(printed(process))
-    assert (status["kind"], status["state"], status["timing"]["fps"]) == (
+    assert (status["kind"], status["state"], status["latency"]["fps"]) == (
         "status",
         "degraded",
         30.0,

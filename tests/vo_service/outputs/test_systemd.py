@@ -10,7 +10,7 @@ import pytest
 
 from tests.vo_service.fakes import make_status
 from vo_service.outputs.systemd import SystemdNotifier, SystemdOutput
-from vo_service.types.messages import TimingReport
+from vo_service.types.messages import LatencyReport
 from vo_service.types.odometry_update import TrackingState
 
 STATUS = make_status()
@@ -61,7 +61,9 @@ def test_the_status_line_has_reason_and_warnings(systemd: NotifySocket) -> None:
     output = SystemdOutput()
     state, reason = TrackingState.NO_CAMERA, "freenect: no Kinect\nis plugged in"
     output.on_status(
-        replace(STATUS, state=state, reason=reason, timing=TimingReport(), warnings=("disk full",))
+        replace(
+            STATUS, state=state, reason=reason, latency=LatencyReport(), warnings=("disk full",)
+        )
     )
     expected = "STATUS=no_camera: freenect: no Kinect is plugged in; 0 poses/s; disk full"
     assert systemd.receive()[-1] == expected

@@ -62,7 +62,7 @@ class RunSummary:
     def as_json(self) -> dict[str, Any]:
         """Return one flat object; null for values that cannot be computed."""
         statistics, counters = self.statistics, self.counters
-        timing = statistics.make_timing_report({})
+        latency = statistics.make_latency_report({})
         metrics = self.evaluation.as_json() if self.evaluation else dict.fromkeys(EVALUATION_KEYS)
         return {
             "frames": statistics.frames,
@@ -70,8 +70,8 @@ class RunSummary:
             "skipped": counters.skipped + statistics.out_of_order,
             "dropped": counters.dropped,
             "fps": round(statistics.mean_fps, 3),
-            "latency_p50_ms": round(timing.latency_p50_ms, 3),
-            "latency_p99_ms": round(timing.latency_p99_ms, 3),
+            "latency_p50_ms": round(latency.p50_ms, 3),
+            "latency_p99_ms": round(latency.p99_ms, 3),
             "cpu_ms_per_frame": round(statistics.cpu_ms_per_frame, 3),
             "stage_ms": {name: round(ms, 3) for name, ms in statistics.stage_ms.items()},
             **_timing_json(statistics.timing),
@@ -84,7 +84,7 @@ class RunSummary:
     def as_table(self) -> str:
         """Return aligned text for a terminal."""
         statistics, counters = self.statistics, self.counters
-        timing = statistics.make_timing_report({})
+        latency = statistics.make_latency_report({})
         stages = ", ".join(f"{name} {ms:.2f}" for name, ms in statistics.stage_ms.items())
         rows = [
             ("frames", f"{statistics.frames:6d}"),
@@ -94,7 +94,7 @@ class RunSummary:
             ("rate", f"{statistics.mean_fps:6.1f} frames/s"),
             (
                 "latency",
-                f"{timing.latency_p50_ms:6.1f} ms median, {timing.latency_p99_ms:.1f} ms p99",
+                f"{latency.p50_ms:6.1f} ms median, {latency.p99_ms:.1f} ms p99",
             ),
             ("CPU a frame", f"{statistics.cpu_ms_per_frame:6.1f} ms median"),
             ("its stages", f"  {stages} ms (medians of the frames with the stage)"),

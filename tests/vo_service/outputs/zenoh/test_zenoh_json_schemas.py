@@ -18,9 +18,9 @@ from vo_service.outputs.zenoh.json_schemas import JSON_SCHEMA_DIALECT, all_schem
 from vo_service.types.commands import COMMANDS, CommandError, ErrorCode, parse_command
 from vo_service.types.messages import (
     ErrorReply,
+    LatencyReport,
     RecorderReport,
     Status,
-    TimingReport,
     encode_message,
     map_odom_attachment,
     pose_attachment,
@@ -64,7 +64,7 @@ def test_a_status_with_all_fields_is_valid(status: Status) -> None:
     full = dataclasses.replace(
         status,
         warnings=("a", "b"),
-        timing=TimingReport(stage_ms={"surf": 4.5}),
+        latency=LatencyReport(stage_ms={"surf": 4.5}),
         paused=True,
         recorder=RecorderReport("desk"),
     )

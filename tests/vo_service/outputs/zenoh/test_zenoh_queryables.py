@@ -57,7 +57,7 @@ def test_the_last_status_is_the_published_one(free_port: int, status: Status) ->
         output.on_status(status)
         wait_until(lambda: "error" not in query_json(session, "kinect/status")[0])
         (answer,) = query_json(session, "kinect/status")
-    assert (answer["schema"], answer["state"], answer["timing"]["fps"]) == (1, "degraded", 29.9)
+    assert (answer["schema"], answer["state"], answer["latency"]["fps"]) == (1, "degraded", 29.9)
 
 
 def test_a_blocked_service_still_replies(free_port: int, make_update: MakeUpdate) -> None:

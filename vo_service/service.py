@@ -228,12 +228,12 @@ class Service:
             return report
         return replace(
             report,
-            timing_refused=timing.is_refused,
+            sensor_timing_refused=timing.is_refused,
             readout_ms=1e3 * timing.readout_s,
             readout_sigma_ms=1e3 * timing.readout_sigma_s,
             depth_offset_ms=1e3 * timing.depth_offset_s,
             depth_offset_sigma_ms=1e3 * timing.depth_offset_sigma_s,
-            timing=timing.source,
+            sensor_timing_source=timing.source,
         )
 
     def _tracking_report(self) -> TrackingReport:

@@ -78,7 +78,7 @@ def service_on(folder: Path, *kinects: KinectSimulator) -> Iterator[ServiceProce
 
 def wait_for_timing(service: ServiceProcess, source: str) -> Mapping[str, Any]:
     """The part `camera` of the first status whose timing has this source."""
-    service.wait_for_status(lambda status: status["camera"]["timing"] == source)
+    service.wait_for_status(lambda status: status["camera"]["sensor_timing_source"] == source)
     camera: Mapping[str, Any] = service.status["camera"]
     return camera
 

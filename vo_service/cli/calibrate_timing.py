@@ -262,7 +262,8 @@ def _choose_sensor(serial: str | None) -> RememberedSensor:
         searched = ", ".join(map(str, folders)) or "no folder"
         raise InputError(
             f"no service has learned a timing yet (searched: {searched}); let kinect-vo run until "
-            "camera.timing in its status is learned, and use sudo for a service of systemd"
+            "camera.sensor_timing_source in its status is learned, and use sudo for a service of "
+            "systemd"
         )
     if serial is not None and serial not in remembered:
         raise InputError(f"--serial {serial}: nothing is learned of it; known: {known}")

@@ -86,7 +86,7 @@ class CameraReport:
         float, "capture time of depth minus its stamp, relative to color"
     ] = 0.0
     depth_offset_sigma_ms: Annotated[float, "its standard deviation; 0 = exact"] = 0.0
-    timing: Annotated[
+    sensor_timing_source: Annotated[
         str,
         'source of readout and depth offset: "learned", "camera file", "memory" (learned at an '
         'earlier run), "usual for the sensor", "unknown"; "" = exact, or fixed',
@@ -105,7 +105,7 @@ class CameraReport:
         "the same by depth minus that by brightness: far from 0, the calibration is wrong; "
         "0 = not known",
     ] = 0.0
-    timing_refused: Annotated[
+    sensor_timing_refused: Annotated[
         bool, "a learned timing is not used, as frames fit no better with it"
     ] = False
     focal_refused: Annotated[

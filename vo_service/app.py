@@ -28,7 +28,7 @@ from vo_service.outputs.zenoh.output import (
     ZenohOutput,
 )
 from vo_service.outputs.zenoh.session_endpoints import ExtraEndpoints
-from vo_service.service import Estimator, Service, ServiceInput, ServiceStatistics
+from vo_service.service import OdometryMethod, Service, ServiceInput, ServiceStatistics
 from vo_service.signals import StopSignal
 from vo_service.terminal import set_log_level
 from vo_service.types.commands import ReloadConfig
@@ -315,7 +315,7 @@ def _build_replay_service(
     odometry = loop_closure.wrap(config.odometry.make_odometry(timer))
     return Service(
         _make_input(config, camera, frame_source),
-        Estimator(config.odometry.method, odometry, timer),
+        OdometryMethod(config.odometry.method, odometry, timer),
         odom_frame,
         Control(odom_frame, camera),
         outputs,
@@ -390,7 +390,7 @@ def build_live_service(
     frame_source = LiveSource(camera, dependencies.sensor_memory.apply)
     service = Service(
         _make_input(config, camera, frame_source),
-        Estimator(config.odometry.method, mapper.loop_closure.wrap(odometry), timer),
+        OdometryMethod(config.odometry.method, mapper.loop_closure.wrap(odometry), timer),
         odom_frame,
         Control(odom_frame, camera, dependencies.command_queue, dependencies.recorder, mapper),
         dependencies.outputs,

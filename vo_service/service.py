@@ -52,16 +52,16 @@ class ServiceInput:
 
 
 @dataclass(frozen=True)
-class Estimator:
-    """The odometry with its name and its stage times.
+class OdometryMethod:
+    """The odometry method in use, with its stage times.
 
     Attributes:
-        method: Name of the method, for the status.
+        name: Its name, for the status.
         odometry: Estimates the motion, with relocalization around it if there is any.
         stage_timer: Measures the stages of the odometry.
     """
 
-    method: str
+    name: str
     odometry: Odometry
     stage_timer: CpuStageTimer
 
@@ -76,7 +76,7 @@ class Service:
     def __init__(
         self,
         service_input: ServiceInput,
-        estimator: Estimator,
+        method: OdometryMethod,
         odom_frame: OdomFrame,
         control: Control,
         outputs: Sequence[Output],
@@ -88,7 +88,7 @@ class Service:
 
         Args:
             service_input: Camera, frames and clock.
-            estimator: The odometry.
+            method: The odometry method.
             odom_frame: Turns estimates into updates.
             control: Handles commands between two frames.
             outputs: Take updates and the status.
@@ -99,9 +99,9 @@ class Service:
         self._camera = service_input.camera
         self._frame_source = service_input.frame_source
         self._clock = service_input.clock
-        self._method = estimator.method
-        self._odometry = estimator.odometry
-        self._stage_timer = estimator.stage_timer
+        self._method_name = method.name
+        self._odometry = method.odometry
+        self._stage_timer = method.stage_timer
         self._odom_frame = odom_frame
         self._outputs = outputs
         self._control = control
@@ -195,7 +195,9 @@ class Service:
             warnings=warnings,
             camera=self._camera_report(),
             tracking=self._tracking_report(),
-            latency=self.statistics.make_latency_report(STAGE_BUDGETS_MS.get(self._method, {})),
+            latency=self.statistics.make_latency_report(
+                STAGE_BUDGETS_MS.get(self._method_name, {})
+            ),
             map=self._map_report(),
             recorder=RecorderReport(self._control.recording),
         )
@@ -238,7 +240,7 @@ class Service:
 
     def _tracking_report(self) -> TrackingReport:
         report = TrackingReport(
-            self._method, frames=self.statistics.frames, failed=self.statistics.failed
+            self._method_name, frames=self.statistics.frames, failed=self.statistics.failed
         )
         if self._last is None:
             return report

@@ -14,7 +14,7 @@ from vo_service.control import CommandQueue, Control
 from vo_service.frame_source import FrameSource, PublishClock, RecordedClock
 from vo_service.odom_frame import OdomFrame
 from vo_service.odometry.stage_timers import CpuStageTimer
-from vo_service.service import Estimator, Service, ServiceInput
+from vo_service.service import OdometryMethod, Service, ServiceInput
 from vo_service.types.estimate import Estimate
 from vo_service.types.outputs import LoopClosure, NullLoopClosure, Output
 
@@ -33,7 +33,7 @@ def make_service(
     camera, tracker = camera or ScriptedCamera(), OdomFrame()
     return Service(
         ServiceInput(camera, feed, stamps or RecordedClock()),
-        Estimator(method, odometry or ScriptedOdometry(*estimates), CpuStageTimer()),
+        OdometryMethod(method, odometry or ScriptedOdometry(*estimates), CpuStageTimer()),
         tracker,
         Control(tracker, camera, inbox),
         outputs,

@@ -8,7 +8,7 @@ from vo_service.types.estimate import Estimate
 
 
 class Odometry(Protocol):
-    """An estimator of the camera's motion; each method of `METHODS` is one."""
+    """An odometry method, which estimates the camera's motion; each of `METHODS` makes one."""
 
     def estimate(self, frame: RgbdFrame) -> Estimate:
         """Estimate the camera's pose at this frame; frames come in the order of their stamps.

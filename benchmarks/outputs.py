@@ -127,7 +127,8 @@ CASES = {
 READER = """
 import resource, struct, sys
 from vo_service.config_tables import ZenohConfig
-from vo_service.outputs.zenoh import MAX_FRAME_MESSAGE_BYTES, open_session
+from vo_service.outputs.zenoh.session import open_session
+from vo_service.outputs.zenoh.zenoh_config import MAX_FRAME_MESSAGE_BYTES
 stamps_s = []
 def on_sample(sample):
     seconds, nanoseconds = struct.unpack_from("<iI", sample.payload.to_bytes(), 4)

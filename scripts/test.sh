@@ -22,12 +22,12 @@ compile_all() {
     python -c '
 import os
 
-from drivers.core.files import kernel_folder
+from drivers.core.folders import kernel_folder
 
 os.environ["NUMBA_CACHE_DIR"] = str(kernel_folder())  # before numba is imported
 
-from vo_service.odometry import METHODS
-from vo_service.odometry import warm_up
+from vo_service.odometry.registry import METHODS
+from vo_service.odometry.warm_up import warm_up
 
 for method in METHODS:
     warm_up(method, lambda stage: None)

@@ -90,7 +90,7 @@ def make_surf(features: MethodConfig, timer: StageTimer) -> Odometry:
 
 def make_direct(features: MethodConfig, timer: StageTimer) -> Odometry:
     """Brightness and depth against keyframes; SURF features for recovery."""
-    from vo_service.odometry.direct import DirectOdometry
+    from vo_service.odometry.direct.odometry import DirectOdometry
     from vo_service.odometry.direct.self_calibration import SelfCalibratingOdometry
     from vo_service.odometry.features.extractor import SurfExtractor
 

@@ -28,7 +28,7 @@ from tests.vo_service.slam.mapper.wall_sequence import make_wall_update
 from tests.vo_service.slam.scripted_recognizer import make_loop_closer
 from vo_service.config_tables import MapConfig
 from vo_service.odom_frame import OdomFrame, StampedFrame
-from vo_service.odometry.direct import DirectOdometry
+from vo_service.odometry.direct.odometry import DirectOdometry
 from vo_service.slam.synchronous_loop_closure import (
     SynchronousLoopClosure,
     create_synchronous_loop_closure,

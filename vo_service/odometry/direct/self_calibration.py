@@ -13,7 +13,6 @@ import numpy as np
 
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import Array
-from vo_service.odometry.direct import DirectOdometry
 from vo_service.odometry.direct.calibration import CalibrationFilter, CalibrationPrior
 from vo_service.odometry.direct.calibration_equations import (
     FOCAL,
@@ -33,6 +32,7 @@ from vo_service.odometry.direct.keyframe import DirectKeyframe, make_keyframe
 from vo_service.odometry.direct.keyframe_selection import TrackedFrame
 from vo_service.odometry.direct.motion import constant_velocity_motion, se3_log
 from vo_service.odometry.direct.motion_state import MotionState
+from vo_service.odometry.direct.odometry import DirectOdometry
 from vo_service.odometry.direct.parameters import (
     FOCAL_PRIOR_SIGMA,
     HALF_WEIGHT_SPEED,

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivers.core.geometry import Array, inverse, rigid_transform, transform_points
-from vo_service.odometry.sfm import SfmParameters
 from vo_service.odometry.sfm.bundle_adjustment import BundleObservations, adjust_bundle
 from vo_service.odometry.sfm.keyframe import (
     NO_POINT,
@@ -16,6 +15,7 @@ from vo_service.odometry.sfm.keyframe import (
     pair_rays,
 )
 from vo_service.odometry.sfm.mono_frame import PAIR_SIGMA_PX, MonoFrame, RayPairs
+from vo_service.odometry.sfm.parameters import SfmParameters
 from vo_service.odometry.sfm.scale import median_sigma
 from vo_service.odometry.sfm.two_view_refinement import TwoViewEstimate
 

@@ -12,7 +12,6 @@ from drivers.camera import RgbdFrame
 from vo_service.odometry.features.extractor import FeatureExtractor, SurfExtractor
 from vo_service.odometry.features.match_verifier import MatchVerifier
 from vo_service.odometry.features.matching import match_features
-from vo_service.odometry.sfm import SfmParameters
 from vo_service.odometry.sfm.essential import find_unscaled_motion
 from vo_service.odometry.sfm.keyframe import (
     MatchedView,
@@ -21,6 +20,7 @@ from vo_service.odometry.sfm.keyframe import (
     SfmKeyframe,
 )
 from vo_service.odometry.sfm.mono_frame import MonoFrame
+from vo_service.odometry.sfm.parameters import SfmParameters
 from vo_service.odometry.sfm.scale import (
     FirstDepthScale,
     ScaleSource,

@@ -16,7 +16,6 @@ from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse, rigid_transform
 from vo_service.odometry.features.extractor import Features
 from vo_service.odometry.features.points import backproject_features
-from vo_service.odometry.sfm import SfmParameters
 from vo_service.odometry.sfm.essential import UnscaledMotion, triangulate
 from vo_service.odometry.sfm.keyframe import (
     MatchedView,
@@ -26,6 +25,7 @@ from vo_service.odometry.sfm.keyframe import (
     pair_rays,
 )
 from vo_service.odometry.sfm.mono_frame import RayPairs, ShutterMotion
+from vo_service.odometry.sfm.parameters import SfmParameters
 from vo_service.odometry.sfm.two_view_refinement import TwoViewEstimate, refine_two_view
 
 # Fewest points with depth, and shortest baseline, for a scale.

@@ -6,10 +6,10 @@ import numpy as np
 
 from drivers.core.geometry import Array, inverse, transport_covariance
 from vo_service.odometry.motion_model import MAX_SPEED_M_S
-from vo_service.odometry.sfm import SfmParameters
 from vo_service.odometry.sfm.keyframe import RegisteredView, SfmKeyframe
 from vo_service.odometry.sfm.keyframe_window import KeyframeWindow, make_keyframe_candidate
 from vo_service.odometry.sfm.mono_frame import MonoFrame, ShutterMotion
+from vo_service.odometry.sfm.parameters import SfmParameters
 
 # Parameters in pixels are for this focal length: a Kinect's image, 640 pixels wide.
 REFERENCE_FOCAL_PX = 525.0

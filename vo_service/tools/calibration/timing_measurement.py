@@ -19,9 +19,9 @@ from drivers.core import InputError
 from drivers.recording.recording import ImageTopics
 from drivers.recording_camera import RecordingCamera
 from drivers.registry import open_camera
-from vo_service.odometry.direct import DirectOdometry
 from vo_service.odometry.direct.calibration import CalibrationFilter
 from vo_service.odometry.direct.calibration_equations import TIMING
+from vo_service.odometry.direct.odometry import DirectOdometry
 from vo_service.odometry.direct.self_calibration import SelfCalibratingOdometry
 from vo_service.terminal import Terminal
 from vo_service.tools.calibration.collect_live import read_frames

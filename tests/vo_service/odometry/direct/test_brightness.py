@@ -15,7 +15,6 @@ from tests.vo_service.odometry.direct.rolling_shutter_views import (
     render_view,
 )
 from tests.vo_service.odometry.hand_held_sequence import estimate_all
-from vo_service.odometry.direct import DirectOdometry
 from vo_service.odometry.direct.alignment import (
     DirectAlignment,
     align,
@@ -25,6 +24,7 @@ from vo_service.odometry.direct.brightness import BrightnessWeight
 from vo_service.odometry.direct.covariance import estimate_uncertainty
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC, build_image_pyramid
 from vo_service.odometry.direct.motion import zero_motion
+from vo_service.odometry.direct.odometry import DirectOdometry
 from vo_service.odometry.direct.parameters import BRIGHTNESS_WEIGHT
 from vo_service.odometry.direct.points import select_points
 

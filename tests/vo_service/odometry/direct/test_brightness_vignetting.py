@@ -17,7 +17,6 @@ from tests.vo_service.odometry.direct.rolling_shutter_views import (
     render_view,
 )
 from tests.vo_service.odometry.hand_held_sequence import estimate_all
-from vo_service.odometry.direct import DirectOdometry
 from vo_service.odometry.direct.alignment import (
     DirectAlignment,
     align,
@@ -28,6 +27,7 @@ from vo_service.odometry.direct.image_pyramid import ALL_STATIC, ImagePyramid, b
 from vo_service.odometry.direct.keyframe import DirectKeyframe, make_keyframe
 from vo_service.odometry.direct.keyframe_selection import TrackedFrame
 from vo_service.odometry.direct.motion import zero_motion
+from vo_service.odometry.direct.odometry import DirectOdometry
 from vo_service.odometry.direct.parameters import MAX_VIGNETTING
 from vo_service.odometry.direct.residuals import (
     SIGMA_BRIGHTNESS,

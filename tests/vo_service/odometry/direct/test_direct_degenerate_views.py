@@ -13,8 +13,8 @@ from tests.vo_service.odometry.direct.rolling_shutter_views import (
     render_view,
 )
 from tests.vo_service.odometry.hand_held_sequence import assert_close, estimate_all
-from vo_service.odometry.direct import DirectOdometry
 from vo_service.odometry.direct.motion import se3_log
+from vo_service.odometry.direct.odometry import DirectOdometry
 from vo_service.odometry.direct.parameters import MAX_EXTRAPOLATION_S
 
 REASON = "degenerate view: 3 of 6 degrees of freedom are unconstrained"

@@ -21,7 +21,7 @@ from tests.vo_service.odometry.direct.rolling_shutter_views import (
 )
 from tests.vo_service.odometry.estimate_checks import assert_valid
 from tests.vo_service.odometry.hand_held_sequence import assert_close, estimate_all
-from vo_service.odometry.direct import DirectOdometry
+from vo_service.odometry.direct.odometry import DirectOdometry
 
 SHAPE = (CAMERA.height, CAMERA.width)
 

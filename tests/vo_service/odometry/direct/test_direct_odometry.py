@@ -22,7 +22,7 @@ from tests.vo_service.odometry.estimate_checks import (
     assert_starts_at_origin,
 )
 from tests.vo_service.odometry.hand_held_sequence import assert_close, estimate_all
-from vo_service.odometry.direct import DirectOdometry
+from vo_service.odometry.direct.odometry import DirectOdometry
 from vo_service.types.estimate import Estimate
 
 TIMINGS = [(0.0, 0.0), (0.02, 0.01), (0.02, -0.012)]

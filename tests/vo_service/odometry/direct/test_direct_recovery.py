@@ -16,13 +16,13 @@ from tests.vo_service.odometry.direct.rolling_shutter_views import (
     render_view,
 )
 from tests.vo_service.odometry.hand_held_sequence import assert_close, estimate_all
-from vo_service.odometry.direct import DirectOdometry
 from vo_service.odometry.direct.alignment import align, initial_residual_model, uniform_weights
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC, build_image_pyramid
 from vo_service.odometry.direct.keyframe import DirectKeyframe, LocalMap, make_keyframe
 from vo_service.odometry.direct.keyframe_selection import rebuild_first_keyframe
 from vo_service.odometry.direct.motion import zero_motion
 from vo_service.odometry.direct.motion_state import MotionState
+from vo_service.odometry.direct.odometry import DirectOdometry
 from vo_service.odometry.direct.quality import (
     POINT_STRIDE,
     TrackingResult,

@@ -8,7 +8,7 @@ from drivers.camera import RgbdFrame
 from tests.vo_service.odometry.direct.rolling_shutter_views import BRISK, add_noise, render_view
 from tests.vo_service.odometry.hand_held_sequence import assert_close, estimate_all
 from tests.vo_service.odometry.recording_stage_timer import RecordingStageTimer
-from vo_service.odometry.direct import DirectOdometry
+from vo_service.odometry.direct.odometry import DirectOdometry
 
 NEAR_M = 0.4
 

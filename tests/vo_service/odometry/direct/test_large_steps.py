@@ -17,12 +17,12 @@ from tests.vo_service.odometry.direct.rolling_shutter_views import (
     render_view,
 )
 from tests.vo_service.odometry.hand_held_sequence import assert_close, estimate_all
-from vo_service.odometry.direct import DirectOdometry
 from vo_service.odometry.direct.alignment import align, uniform_weights
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC, build_image_pyramid
 from vo_service.odometry.direct.keyframe import make_keyframe
 from vo_service.odometry.direct.motion import se3_log, zero_motion
 from vo_service.odometry.direct.motion_state import MotionState
+from vo_service.odometry.direct.odometry import DirectOdometry
 from vo_service.odometry.direct.parameters import MAX_SQUARED_POSE_DIFFERENCE
 from vo_service.odometry.direct.quality import TrackingResult
 from vo_service.odometry.direct.recovery import (

@@ -11,9 +11,10 @@ from drivers.camera import FocalPrior, RgbdFrame, TimingPrior, TimingSource
 from drivers.core.geometry import Array
 from tests.vo_service.odometry.direct.rolling_shutter_views import add_noise, render_view
 from tests.vo_service.odometry.direct.swinging_camera import SwingingCamera
-from vo_service.odometry.direct import DirectOdometry, self_calibration
+from vo_service.odometry.direct import self_calibration
 from vo_service.odometry.direct.calibration_equations import measure_calibration
 from vo_service.odometry.direct.motion import se3_log
+from vo_service.odometry.direct.odometry import DirectOdometry
 from vo_service.odometry.direct.self_calibration import SelfCalibratingOdometry
 from vo_service.types.estimate import Estimate, OnlineFocalLength
 

@@ -18,7 +18,7 @@ from tests.vo_service.odometry.direct.swinging_camera import (
     SwingingCamera,
     swinging_frames,
 )
-from vo_service.odometry.direct import DirectOdometry
+from vo_service.odometry.direct.odometry import DirectOdometry
 from vo_service.odometry.direct.parameters import MAX_KEYFRAME_TIMING_ERRORS_S
 from vo_service.odometry.direct.self_calibration import SelfCalibratingOdometry
 from vo_service.odometry.registry import make_odometry

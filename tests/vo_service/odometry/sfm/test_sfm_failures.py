@@ -21,8 +21,8 @@ from tests.vo_service.odometry.sfm.sideways_sequence import (
     sideways_pose,
 )
 from tests.vo_service.odometry.surf.test_surf_odometry_failures import garbage
-from vo_service.odometry.sfm import SfmParameters
 from vo_service.odometry.sfm.odometry import SfmOdometry
+from vo_service.odometry.sfm.parameters import SfmParameters
 
 
 def test_a_black_start_fails_and_the_next_good_frame_starts() -> None:

@@ -23,7 +23,8 @@ pytestmark = [pytest.mark.subprocess, pytest.mark.zenoh]
 COUNT = 300
 READER = """
 import sys, zenoh
-from vo_service.outputs.zenoh import ZenohConfig, open_session
+from vo_service.config_tables import ZenohConfig
+from vo_service.outputs.zenoh.session import open_session
 session = open_session(ZenohConfig(listen=(), connect=(sys.argv[1],)))
 session.declare_subscriber("kinect/odom", lambda sample: print("ready", flush=True))
 input()

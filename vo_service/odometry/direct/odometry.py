@@ -1,0 +1,411 @@
+"""Direct RGB-D odometry: frames are aligned with keyframes by brightness and depth.
+
+Kerl, Sturm and Cremers, "Dense Visual SLAM for RGB-D Cameras" (IROS 2013) for the keyframes; Kerl,
+Stueckler and Cremers, "Dense Continuous-Time Tracking and Mapping with Rolling Shutter RGB-D
+Cameras" (ICCV 2015) for the time of each row. SURF features recover the pose where that fails.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from drivers.camera import RgbdFrame
+from drivers.core.geometry import Array, inverse
+from vo_service.odometry.direct.alignment import (
+    STATIC_PRIOR,
+    align,
+    uniform_weights,
+)
+from vo_service.odometry.direct.brightness import BrightnessWeight, VignettingEstimate
+from vo_service.odometry.direct.covariance import MotionUncertainty, estimate_uncertainty
+from vo_service.odometry.direct.depth_noise import DepthNoise
+from vo_service.odometry.direct.image_pyramid import ALL_STATIC, ImagePyramid, build_image_pyramid
+from vo_service.odometry.direct.keyframe import DirectKeyframe, LocalMap, make_keyframe
+from vo_service.odometry.direct.keyframe_selection import (
+    TrackedFrame,
+    needs_keyframe,
+    rebuild_first_keyframe,
+    refine,
+    select,
+)
+from vo_service.odometry.direct.motion import constant_velocity_motion, se3_log, zero_motion
+from vo_service.odometry.direct.motion_state import MotionState
+from vo_service.odometry.direct.parameters import (
+    MAX_FAILURES,
+    MAX_LOST_S,
+    MAX_PREDICTION_S,
+    MIN_FIRST_KEYFRAME_POINTS,
+    REINITIALIZATIONS,
+)
+from vo_service.odometry.direct.pose_filter import fuse_with_prediction
+from vo_service.odometry.direct.quality import (
+    TrackingResult,
+    degradation_reason,
+    make_tracking_debug,
+    occlusion_reason,
+    project_keyframe_points,
+    rejection_reason,
+)
+from vo_service.odometry.direct.recovery import (
+    DirectRecovery,
+    KeyframeMatch,
+    rejection_reason_after,
+)
+from vo_service.odometry.features.extractor import SurfExtractor
+from vo_service.types.estimate import Estimate, TrackingDebug
+from vo_service.types.odometry import NullStageTimer, StageTimer
+
+
+@dataclass(frozen=True)
+class DirectTrack:
+    """State of the tracking up to the last good frame.
+
+    Attributes:
+        keyframe: The active keyframe.
+        motion_state: Pose and velocity at the last good frame.
+        T_world_reference: 4x4 pose of the frame since which the keyframe is active.
+        is_first: Whether the keyframe is the first frame, so that the velocity is unknown.
+        last_frame: The last good frame; None at the first one.
+    """
+
+    keyframe: DirectKeyframe
+    motion_state: MotionState
+    T_world_reference: Array
+    is_first: bool = False
+    last_frame: TrackedFrame | None = None
+
+
+class DirectOdometry:
+    """Odometry that aligns frames with a keyframe, as long as most of it is in view.
+
+    The world frame is the first good camera pose. A frame that fails is skipped.
+
+    Args:
+        extractor: Features for the recovery; a default one if None.
+        timer: Times the stages; not timed if None.
+    """
+
+    def __init__(
+        self, extractor: SurfExtractor | None = None, timer: StageTimer | None = None
+    ) -> None:
+        self._timer = timer or NullStageTimer()
+        self._recovery = DirectRecovery(extractor or SurfExtractor())
+        self._map = LocalMap()
+        self._vignetting = VignettingEstimate()
+        self._brightness_weight = BrightnessWeight()
+        self._depth_noise = DepthNoise()
+        self._track: DirectTrack | None = None
+        self._T_world_camera = np.eye(4)
+        self._failures = 0
+        self._stamp_s = np.inf
+
+    @property
+    def vignetting(self) -> float:
+        """Current estimate of the lens's vignetting, see `VignettingEstimate`."""
+        return self._vignetting.value
+
+    @property
+    def last_frame(self) -> TrackedFrame | None:
+        """The last good frame that was aligned; None at the start."""
+        return self._track.last_frame if self._track else None
+
+    @property
+    def velocity(self) -> Array:
+        """(6,) twist of the camera at the last good frame, in its own axes, m/s and rad/s."""
+        return self._track.motion_state.velocity if self._track else np.zeros(6)
+
+    @property
+    def keyframes(self) -> Sequence[DirectKeyframe]:
+        """The keyframes, the most recently used one last."""
+        return self._map.keyframes
+
+    @property
+    def active_keyframe(self) -> DirectKeyframe | None:
+        """The keyframe that the next frame is aligned with; None before the first one."""
+        return self._track.keyframe if self._track else None
+
+    def continue_from(self, keyframe: DirectKeyframe, motion_state: MotionState) -> None:
+        """Go on with another keyframe and another motion in the same world, after the first frame.
+
+        Args:
+            keyframe: Replaces all keyframes.
+            motion_state: At the last frame.
+        """
+        assert self._track is not None
+        self._map.reset(keyframe)
+        self._track = DirectTrack(keyframe, motion_state, self._track.T_world_reference)
+        self._T_world_camera = motion_state.T_world_camera
+        self._failures = 0
+
+    @property
+    def T_world_reference(self) -> Array:
+        """4x4 pose of the frame that the motion of the next estimate is relative to."""
+        return self._track.T_world_reference if self._track else self._T_world_camera
+
+    def continue_with_reference(self, T_world_reference: Array) -> None:
+        """Make the motion of the next estimate relative to a frame with this pose (4x4)."""
+        assert self._track is not None
+        self._track = replace(self._track, T_world_reference=T_world_reference)
+
+    def replace_keyframes(
+        self, keyframes: Sequence[DirectKeyframe], active: DirectKeyframe
+    ) -> None:
+        """Go on with other keyframes of the same world.
+
+        Args:
+            keyframes: All keyframes, the most recently used one last.
+            active: The one of them that the next frame is aligned with.
+        """
+        self._map.keyframes = list(keyframes)
+        if self._track is not None:
+            self._track = replace(self._track, keyframe=active)
+
+    def estimate(self, frame: RgbdFrame) -> Estimate:
+        """Estimate the camera's pose by aligning this frame with the keyframe.
+
+        The steps are those of docs/design/direct.md, in the same order.
+        """
+        # Pyramid: brightness in three sizes, and inverse depth.
+        with self._timer.stage("images"):
+            images = build_image_pyramid(
+                frame,
+                self.vignetting,
+                self._brightness_weight.value,
+                self._depth_noise.value_per_m,
+            )
+        # Between frames that are close, only what moves or occludes hinders the alignment; most
+        # features may be on it.
+        is_after_large_step = images.stamp_s - self._stamp_s > MAX_PREDICTION_S
+        self._stamp_s = images.stamp_s
+        if self._track is None:
+            return self._start(frame, images, is_reset=False)
+        track, motion_state = self._track, self._track.motion_state
+        # Prediction and alignment: from where the last motion leads, coarse to fine.
+        with self._timer.stage("align"):
+            result = self._align(images, track)
+        # Recovery: if the frame does not fit, or the prediction is old.
+        match = None
+        if rejection_reason(result.alignment) or motion_state.is_stale(images.stamp_s):
+            with self._timer.stage("recovery"):
+                result, match = self._recovery.recover(
+                    frame, images, result, motion_state, self._map
+                )
+        result = self._reinitialize_first_keyframe(images, result, track)
+        # Quality: a motion that may be wrong is rejected.
+        if reason := rejection_reason_after(
+            result, motion_state, images, match
+        ) or occlusion_reason(result.alignment):
+            if match is not None and is_after_large_step:
+                return self._follow_features(frame, images, track, match, reason)
+            return self._fail(frame, images, track, result, reason)
+        # Covariance: a view that constrains too little is accepted for a short time only.
+        with self._timer.stage("covariance"):
+            uncertainty = self._estimate_uncertainty(images, result, track)
+            self._brightness_weight = self._brightness_weight.update(uncertainty.shared_error)
+        reason = uncertainty.rejection_reason
+        if reason and not motion_state.is_recently_constrained(images.stamp_s):
+            return self._fail(frame, images, track, result, reason)
+        # Filter: the measured pose is fused with the predicted one.
+        result, uncertainty, normalized_innovation = fuse_with_prediction(
+            result, uncertainty, motion_state, images.stamp_s
+        )
+        # Keyframe: when the current one goes out of view, the next one is selected.
+        tracked = TrackedFrame(frame, images, result, motion_state, is_well_constrained=not reason)
+        tracked, keyframe = self._select_keyframe(tracked, track)
+        return self._advance(track, tracked, uncertainty, keyframe, normalized_innovation)
+
+    def _align(self, images: ImagePyramid, track: DirectTrack) -> TrackingResult:
+        keyframe, motion_state = track.keyframe, track.motion_state
+        prior = motion_state.motion_prior(keyframe.T_world_keyframe, images.stamp_s)
+        alignment = align(
+            keyframe.points,
+            images,
+            motion_state.predict_alignment(keyframe.T_world_keyframe, images.stamp_s),
+            prior,
+            motion_state.predict_gain(images, keyframe.images),
+            uniform_weights(),
+        )
+        return TrackingResult(keyframe, alignment, prior)
+
+    def _reinitialize_first_keyframe(
+        self, images: ImagePyramid, result: TrackingResult, track: DirectTrack
+    ) -> TrackingResult:
+        """Rebuild the first keyframe of a rolling shutter, now that the velocity is known."""
+        if not track.is_first or images.shutter.is_instant or rejection_reason(result.alignment):
+            return result
+        for _ in range(REINITIALIZATIONS):
+            result = rebuild_first_keyframe(result, images, track.motion_state, ALL_STATIC)
+        self._map.reset(result.keyframe)
+        return result
+
+    def _estimate_uncertainty(
+        self, images: ImagePyramid, result: TrackingResult, track: DirectTrack
+    ) -> MotionUncertainty:
+        velocity_noise = track.motion_state.update_velocity_noise(result.alignment.camera_velocity)
+        return estimate_uncertainty(
+            result.keyframe.points, images, result.alignment, result.prior, velocity_noise
+        )
+
+    def _select_keyframe(
+        self, tracked: TrackedFrame, track: DirectTrack
+    ) -> tuple[TrackedFrame, DirectKeyframe]:
+        """Refine the pose and select the next keyframe, if one is due.
+
+        Returns:
+            The frame relative to the refined pose, and the keyframe of the next frames.
+        """
+        keyframe = tracked.result.keyframe
+        if not needs_keyframe(tracked):
+            return tracked, keyframe
+        self._vignetting = self._vignetting.update(
+            keyframe, tracked.images, tracked.result.alignment
+        )
+        tracked = tracked.with_vignetting(self.vignetting)
+        with self._timer.stage("refine"):
+            refined, tracked = refine(track.last_frame, tracked, self._map)
+        with self._timer.stage("keyframe"):
+            self._depth_noise = self._depth_noise.update(tracked.images)
+            return tracked, select(refined, self._map)
+
+    def _start(self, frame: RgbdFrame, images: ImagePyramid, is_reset: bool) -> Estimate:
+        """Make this frame the first keyframe, if others can be aligned with it."""
+        self._depth_noise = self._depth_noise.update(images)
+        images = replace(images, depth_noise=self._depth_noise.value_per_m)
+        keyframe = make_keyframe(frame, images, self._T_world_camera, zero_motion(), ALL_STATIC)
+        debug = TrackingDebug(keypoints_px=project_keyframe_points(keyframe))
+        if reason := self._start_rejection_reason(keyframe, images):
+            return self._make_estimate(False, f"cannot start: {reason}", debug)
+        self._map.reset(keyframe)
+        motion_state = MotionState.at_rest(self._T_world_camera, images)
+        self._track = DirectTrack(keyframe, motion_state, self._T_world_camera, is_first=True)
+        self._failures = 0
+        return self._make_estimate(True, "", debug, is_reset=is_reset)
+
+    def _start_rejection_reason(self, keyframe: DirectKeyframe, images: ImagePyramid) -> str:
+        """Why a frame is no first keyframe: the next ones could not be aligned with it."""
+        if len(keyframe.points[0]) < MIN_FIRST_KEYFRAME_POINTS:
+            return f"only {len(keyframe.points[0])} points with depth"
+        self_alignment = align(
+            keyframe.points,
+            images,
+            np.eye(4),
+            STATIC_PRIOR,
+            1.0,
+            uniform_weights(),
+        )
+        return (
+            rejection_reason(self_alignment)
+            or estimate_uncertainty(
+                keyframe.points, images, self_alignment, STATIC_PRIOR, np.zeros(2)
+            ).rejection_reason
+        )
+
+    def _fail(
+        self,
+        frame: RgbdFrame,
+        images: ImagePyramid,
+        track: DirectTrack,
+        result: TrackingResult,
+        reason: str,
+    ) -> Estimate:
+        """Keep the pose; after too many failures drop the keyframes and start again."""
+        self._failures += 1
+        lost_s = images.stamp_s - track.motion_state.stamp_s
+        if self._failures > MAX_FAILURES and (track.is_first or lost_s > MAX_LOST_S):
+            return self._start(frame, images, is_reset=True)
+        return self._make_estimate(
+            False, reason, make_tracking_debug(result.keyframe, result.alignment)
+        )
+
+    def _follow_features(
+        self,
+        frame: RgbdFrame,
+        images: ImagePyramid,
+        track: DirectTrack,
+        match: KeyframeMatch,
+        reason: str,
+    ) -> Estimate:
+        """Take over the pose by features, and go on with this frame as the keyframe."""
+        last, T_world_camera = track.motion_state, match.T_world_camera
+        elapsed_s = images.stamp_s - last.stamp_s
+        moved = se3_log(np.ascontiguousarray(inverse(last.T_world_camera) @ T_world_camera))
+        velocity = moved / elapsed_s if last.is_recent(images.stamp_s) else np.zeros(6)
+        motion = constant_velocity_motion(velocity)
+        keyframe = make_keyframe(frame, images, T_world_camera, motion, ALL_STATIC)
+        self._map.add(keyframe)
+        motion_state = replace(MotionState.at_rest(T_world_camera, images), velocity=velocity)
+        self._track = DirectTrack(keyframe, motion_state, T_world_camera)
+        self._T_world_camera, self._failures = T_world_camera, 0
+        return self._make_estimate(
+            True,
+            f"features only: {reason}",
+            TrackingDebug(keypoints_px=project_keyframe_points(keyframe)),
+            inverse(track.T_world_reference) @ T_world_camera,
+            match.covariance,
+        )
+
+    def _advance(
+        self,
+        track: DirectTrack,
+        tracked: TrackedFrame,
+        uncertainty: MotionUncertainty,
+        keyframe: DirectKeyframe,
+        normalized_innovation: float,
+    ) -> Estimate:
+        """Take over the tracked frame and the keyframe, and return the estimate."""
+        images, result = tracked.images, tracked.result
+        is_next_reference = keyframe is not track.keyframe
+        motion_state = track.motion_state.advance(
+            result.T_world_camera,
+            result.alignment.camera_velocity,
+            images,
+            result.alignment.gain if keyframe is result.keyframe else 1.0,
+            normalized_innovation,
+            images.stamp_s
+            if tracked.is_well_constrained
+            else track.motion_state.well_constrained_stamp_s,
+        )
+        T_reference_camera = inverse(track.T_world_reference) @ result.T_world_camera
+        T_world_reference = result.T_world_camera if is_next_reference else track.T_world_reference
+        self._T_world_camera = result.T_world_camera
+        self._track = DirectTrack(
+            keyframe,
+            motion_state,
+            T_world_reference,
+            last_frame=tracked,
+        )
+        self._failures = 0
+        return self._make_estimate(
+            True,
+            result.degradation or degradation_reason(result.alignment),
+            make_tracking_debug(result.keyframe, result.alignment),
+            T_reference_camera,
+            uncertainty.covariance,
+            is_next_reference=is_next_reference,
+        )
+
+    def _make_estimate(
+        self,
+        ok: bool,
+        reason: str,
+        debug: TrackingDebug,
+        T_reference_camera: Array | None = None,
+        covariance: Array | None = None,
+        is_reset: bool = False,
+        is_next_reference: bool = True,
+    ) -> Estimate:
+        return Estimate(
+            ok=ok,
+            reason=reason,
+            T_world_camera=self._T_world_camera.copy(),
+            T_reference_camera=np.eye(4) if T_reference_camera is None else T_reference_camera,
+            covariance=np.zeros((6, 6)) if covariance is None else covariance,
+            features=len(debug.keypoints_px),
+            matches=len(debug.matches_px),
+            inliers=int(debug.inlier.sum()),
+            is_reset=is_reset,
+            is_next_reference=is_next_reference,
+            depth_noise_per_m=self._depth_noise.measured_per_m,
+            debug=debug,
+        )

@@ -106,7 +106,7 @@ class Publisher:
 
     def status(self, state: str, reason: str) -> None:
         self.wait()
-        content = {"schema": 1, "state": state, "reason": reason, "timing": {"fps": 30.0}}
+        content = {"schema": 1, "state": state, "reason": reason, "latency": {"fps": 30.0}}
         self._session.put("kinect/status", json.dumps(content).encode(), congestion_control=BLOCK)
 
     def close(self) -> None:

@@ -20,7 +20,7 @@ TIMING_KEYS = (
     "readout_sigma_ms",
     "depth_offset_ms",
     "depth_offset_sigma_ms",
-    "timing",
+    "sensor_timing_source",
 )
 FOCAL_KEYS = ("focal_scale", "focal_scale_sigma", "focal_disagreement", "focal_source")
 # These keys are null without a ground truth.

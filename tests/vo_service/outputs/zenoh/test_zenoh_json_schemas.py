@@ -77,8 +77,8 @@ def test_a_status_with_all_fields_is_valid(status: Status) -> None:
     [
         ("", "state", "asleep"),
         ("", "warnings", [1]),
-        ("timing", "fps", "30"),
-        ("timing", "stage_ms", {"a": "b"}),
+        ("latency", "fps", "30"),
+        ("latency", "stage_ms", {"a": "b"}),
         ("map", "is_localized", 1),
     ],
 )

@@ -40,7 +40,9 @@ def test_a_second_session_on_the_same_port_is_refused(free_port: int) -> None:
 @pytest.mark.subprocess
 def test_zenoh_itself_prints_nothing(free_port: int) -> None:
     script = (
-        "from vo_service.outputs.zenoh import *\n"
+        "from drivers.core import UserFacingError\n"
+        "from vo_service.config_tables import ZenohConfig\n"
+        "from vo_service.outputs.zenoh.session import open_session\n"
         f"config = ZenohConfig(listen=('tcp/127.0.0.1:{free_port}',))\n"
         "session = open_session(config)\n"
         "try: open_session(config)\n"

@@ -1,16 +1,25 @@
-"""Warm-up of a method: compiles its kernels, or loads them, before the first frame."""
+"""Warm-up of a method: compiles its kernels, or loads them, before the first frame.
 
+The first time, a second process compiles too, and each loads what the other has compiled.
+"""
+
+import os
+import subprocess
+import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera, RgbdFrame, TimingPrior, TimingSource
+from drivers.core.folders import kernel_folder
 from vo_service.odometry.registry import METHODS, MethodConfig
 from vo_service.odometry.stage_timers import StageReporter
-from vo_service.types.odometry import Odometry
+from vo_service.types.odometry import NullStageTimer, Odometry
 
 # Large enough for every filter and every octave.
 IMAGE_SIZE_PX = 256
@@ -27,16 +36,42 @@ def warm_up(method: str, report_stage: Callable[[str], None]) -> float:
         The elapsed seconds.
     """
     start_s = time.monotonic()
-    run_warm_up_frames(lambda: METHODS[method](MethodConfig(), StageReporter(report_stage)))
+    mark = kernel_folder() / f"{method}-is-prepared"
+    with second_process(method, is_needed=not mark.exists()):
+        run_warm_up_frames(lambda: METHODS[method](MethodConfig(), StageReporter(report_stage)))
+    with suppress(OSError):  # without the mark, there is a second process next time, too
+        mark.touch()
     return time.monotonic() - start_s
 
 
-def run_warm_up_frames(make_odometry: Callable[[], Odometry]) -> None:
-    """Run new odometries on generated frames."""
-    for frames in (_make_corner_frames(), _make_wall_frames(), _make_pan_frames()):
-        odometry = make_odometry()
-        for frame in frames:
-            odometry.estimate(frame)
+@contextmanager
+def second_process(method: str, is_needed: bool) -> Iterator[None]:
+    """Compile in another process as well, which ends with the block.
+
+    Args:
+        method: Name of the method.
+        is_needed: Whether kernels are not compiled yet. On a single core it is never needed.
+    """
+    if not is_needed or len(os.sched_getaffinity(0)) < 2:
+        yield
+        return
+    process = subprocess.Popen(
+        [sys.executable, "-m", __name__, method],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        yield
+    finally:
+        process.kill()
+        process.wait()
+
+
+def warm_up_in_second_process(method: str) -> None:
+    """Begin with what `warm_up` compiles last: features, and then its frames in reverse."""
+    for name, sequences in (("surf", WARM_UP_SEQUENCES), (method, WARM_UP_SEQUENCES[::-1])):
+        run_warm_up_frames(partial(METHODS[name], MethodConfig(), NullStageTimer()), sequences)
 
 
 def _make_corner_frames() -> Iterator[RgbdFrame]:
@@ -120,3 +155,21 @@ def _make_texture(seed: int) -> NDArray[np.uint8]:
     )
     texture = np.kron(coarse, np.ones((8, 8), np.uint8))
     return np.repeat(texture[:, :, None], 3, axis=2)
+
+
+WARM_UP_SEQUENCES = (_make_corner_frames, _make_wall_frames, _make_pan_frames)
+
+
+def run_warm_up_frames(
+    make_odometry: Callable[[], Odometry],
+    sequences: Sequence[Callable[[], Iterator[RgbdFrame]]] = WARM_UP_SEQUENCES,
+) -> None:
+    """Run new odometries on sequences of generated frames."""
+    for make_frames in sequences:
+        odometry = make_odometry()
+        for frame in make_frames():
+            odometry.estimate(frame)
+
+
+if __name__ == "__main__":
+    warm_up_in_second_process(sys.argv[1])

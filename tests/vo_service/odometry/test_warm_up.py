@@ -1,5 +1,7 @@
 """The warm-up compiles every kernel and reports every stage."""
 
+from pathlib import Path
+
 import numpy as np
 
 from tests.vo_service.odometry.hand_held_sequence import render_elsewhere
@@ -8,7 +10,7 @@ from vo_service.odometry import ransac
 from vo_service.odometry.features import descriptor, detector, matching
 from vo_service.odometry.registry import METHODS, MethodConfig
 from vo_service.odometry.surf import recovery
-from vo_service.odometry.warm_up import warm_up
+from vo_service.odometry.warm_up import second_process, warm_up
 from vo_service.types.odometry import NullStageTimer
 
 
@@ -34,3 +36,22 @@ def test_a_warm_sfm_compiles_nothing_for_a_real_frame() -> None:
     assert not lost.ok
     assert kernels
     assert [list(kernel.signatures) for kernel in kernels] == before
+
+
+def test_a_second_process_compiles_as_long_as_the_first() -> None:
+    before = child_processes()
+    with second_process("icp", is_needed=True):
+        assert child_processes() > before
+    assert child_processes() == before
+
+
+def test_prepared_kernels_need_no_second_process() -> None:
+    children: list[set[str]] = []
+    warm_up("surf", lambda _: None)
+    warm_up("surf", lambda _: children.append(child_processes()))
+    assert set.union(*children) <= child_processes()
+
+
+def child_processes() -> set[str]:
+    own = Path("/proc/self/task")
+    return {pid for task in own.iterdir() for pid in (task / "children").read_text().split()}

@@ -22,7 +22,6 @@ from vo_service.odometry.direct.factor import (
     Jacobian,
     brightness_residual,
     jacobian,
-    student_curvature,
     student_weight,
 )
 from vo_service.odometry.direct.motion import (
@@ -32,8 +31,7 @@ from vo_service.odometry.direct.motion import (
     se3_adjoint,
 )
 from vo_service.odometry.direct.parameters import (
-    CALIBRATION_POINT_STRIDE,
-    CALIBRATION_STEP_RATIO,
+    CALIBRATION_STRIDE,
     KEYFRAME_CALIBRATION_SIGMAS,
     TURN_INFORMATION,
 )
@@ -65,12 +63,6 @@ TIMING, USED = slice(READOUT, DELAY + 1), slice(READOUT, FOCAL + 1)
 # Before them: pose (6), gain, turn of the depth camera (2).
 FIRST_TURN, FIRST_KEPT = 7, 9
 NUM_UNKNOWNS = FIRST_KEPT + NUM_KEPT
-# Columns of the twists of a view: of the keyframe's points in the keyframe's axes, m/s and rad/s,
-# while the frame was taken; what is added to that by which the residuals were corrected, to correct
-# them by none; both while the keyframe was taken; of a camera that turns about its own x and y axis
-# at 1 rad/s, at the frame (2) and at the keyframe (2).
-VELOCITY, VELOCITY_USED, KEYFRAME_VELOCITY, KEYFRAME_VELOCITY_USED = range(4)
-TURNS, KEYFRAME_TURNS, NUM_TWISTS = 4, 6, 8
 
 
 class CalibrationView(NamedTuple):
@@ -82,8 +74,7 @@ class CalibrationView(NamedTuple):
         velocity: (6,) of the frame's camera in its own axes, m/s and rad/s.
         keyframe_motion: (9,) of the camera that the keyframe was made with, in its own axes.
         keyframe_velocity: (6,) of the keyframe's camera in its own axes.
-        calibration: (3,) that the frame was aligned with.
-        keyframe_timing: (2,) that the keyframe was made with; its focal length is the frame's.
+        calibration: (3,) that both were made with.
         intrinsics: (4,) of the whole image.
         height: Rows of the whole image.
     """
@@ -94,7 +85,6 @@ class CalibrationView(NamedTuple):
     keyframe_motion: Array
     keyframe_velocity: Array
     calibration: Array
-    keyframe_timing: Array
     intrinsics: Array
     height: int
 
@@ -122,73 +112,68 @@ def measure_calibration(
     H, g = np.zeros((NUM_UNKNOWNS, NUM_UNKNOWNS)), np.zeros(NUM_UNKNOWNS)
     row, gain = np.zeros(NUM_UNKNOWNS), residual_model[GAIN]
     variance, variance_depth = residual_variances(residual_model)
-    twists = _make_twists(view)
     # Fields of a tuple cost time in a loop.
     T, intrinsics, height = view.T_camera_keyframe, view.intrinsics, view.height
-    camera_position = invert(T)[:3, 3].copy()
-    frame, keyframe = view.calibration, view.keyframe_timing
-    timings = frame[READOUT], frame[DELAY], keyframe[READOUT], keyframe[DELAY]
-    middle_row = 0.5 * (height - 1)
-    for i in range(0, len(points), CALIBRATION_POINT_STRIDE):
-        brightness, depth = samples[i, SAMPLE_BRIGHTNESS], samples[i, SAMPLE_DEPTH_RESIDUAL]
-        if np.isnan(brightness):
+    T_keyframe_camera = invert(T)
+    Ad, camera_position = se3_adjoint(T_keyframe_camera), T_keyframe_camera[:3, 3].copy()
+    # Twists of the keyframe's points in its axes: of the frame, and of the keyframe; then those
+    # that frame and keyframe have been corrected with.
+    moved = body_motion(T_keyframe_camera, constant_velocity_motion(view.velocity))
+    moved_keyframe, moved_by = -view.keyframe_velocity, (view.motion, -view.keyframe_motion)
+    calibration, middle_row = view.calibration, 0.5 * (height - 1)
+    for i in range(0, len(points), CALIBRATION_STRIDE):
+        point, sample = points[i], samples[i]
+        if np.isnan(sample[SAMPLE_BRIGHTNESS]):
             continue
-        cell = int(samples[i, SAMPLE_CELL])
-        v_keyframe = intrinsics[1] * points[i, 1] / points[i, 2] + intrinsics[3]
+        v_keyframe = intrinsics[1] * point[1] / point[2] + intrinsics[3]
         # Times of the rows as shares of the readout.
-        shares = (samples[i, SAMPLE_V] - middle_row) / height, (v_keyframe - middle_row) / height
-        magnified = _magnify(points[i], samples[i, SAMPLE_U], samples[i, SAMPLE_V], intrinsics, T)
-        J_depth = jacobian(points[i], POINT_DEPTH_GRADIENT, 1.0)
-        if points[i, HAS_TEXTURE] > 0:
-            residual = brightness_residual(brightness, points[i, POINT_BRIGHTNESS], gain)
-            sample_variance = variance + points[i, POINT_BRIGHTNESS_VARIANCE]
-            w = student_weight(residual, sample_variance)
-            w *= residual_model[WEIGHT_BRIGHTNESS] * cell_weights[0, cell]
-            curvature = w * student_curvature(residual, sample_variance)
-            J = jacobian(points[i], POINT_BRIGHTNESS_GRADIENT, gain)
-            # Only parallax shows an error of the point's depth in its brightness.
-            by_depth = -points[i, 2] * _along(J, camera_position)
-            row[6] = -points[i, POINT_BRIGHTNESS]
-            J_delay = _scaled(J_depth, by_depth)
-            linear = _fill_row(J, J_delay, 0.0, twists, shares, timings, row)
+        shares = (sample[SAMPLE_V] - middle_row) / height, (v_keyframe - middle_row) / height
+        magnified = _magnify(point, sample[SAMPLE_U], sample[SAMPLE_V], intrinsics, T)
+        J_depth = jacobian(point, POINT_DEPTH_GRADIENT, 1.0)
+        for is_depth in range(2):
+            weight = cell_weights[is_depth, int(sample[SAMPLE_CELL])]
+            if is_depth:
+                residual, J, by_depth = sample[SAMPLE_DEPTH_RESIDUAL], J_depth, -1.0
+                if np.isnan(residual) or point[HAS_SHAPE] <= 0:
+                    continue
+                weight *= student_weight(residual, variance_depth)
+                row[6] = 0.0
+            else:
+                if point[HAS_TEXTURE] <= 0:
+                    continue
+                residual = brightness_residual(
+                    sample[SAMPLE_BRIGHTNESS], point[POINT_BRIGHTNESS], gain
+                )
+                J = jacobian(point, POINT_BRIGHTNESS_GRADIENT, gain)
+                # Only parallax shows an error of the point's depth in its brightness.
+                by_depth = -point[2] * _along(J, camera_position)
+                weight *= residual_model[WEIGHT_BRIGHTNESS] * student_weight(
+                    residual, variance + point[POINT_BRIGHTNESS_VARIANCE]
+                )
+                row[6] = -point[POINT_BRIGHTNESS]
+            for k in range(6):
+                row[k] = J[k]
+            # The depth camera turns about its x and y axis, at the frame and at the keyframe.
+            for k in range(2):
+                row[FIRST_TURN + k] = -by_depth * J_depth[3 + k]
+                if is_depth:
+                    for m in range(6):
+                        row[FIRST_TURN + k] -= J[m] * Ad[m, 3 + k]
+            row[FIRST_KEPT + READOUT], row[FIRST_KEPT + DELAY] = _by_timing(
+                J, J_depth, by_depth, is_depth, shares, moved, moved_keyframe
+            )
             row[FIRST_KEPT + FOCAL] = _along(J, magnified)
-            row[FIRST_KEPT + DISAGREEMENT] = 0.0
-            linear -= CALIBRATION_STEP_RATIO * frame[FOCAL] * row[FIRST_KEPT + FOCAL]
-            add_residual(H, g, row, curvature, w * residual + curvature * linear)
-        if not np.isnan(depth) and points[i, HAS_SHAPE] > 0:
-            w = student_weight(depth, variance_depth) * cell_weights[1, cell]
-            curvature = w * student_curvature(depth, variance_depth)
-            row[6] = 0.0
-            J_delay = _scaled(J_depth, -1.0)
-            linear = _fill_row(J_depth, J_delay, 1.0, twists, shares, timings, row)
-            row[FIRST_KEPT + FOCAL] = row[FIRST_KEPT + DISAGREEMENT] = _along(J_depth, magnified)
-            linear -= CALIBRATION_STEP_RATIO * frame[FOCAL] * row[FIRST_KEPT + FOCAL]
-            add_residual(H, g, row, curvature, w * depth + curvature * linear)
+            row[FIRST_KEPT + DISAGREEMENT] = is_depth * row[FIRST_KEPT + FOCAL]
+            # To the residual without any correction.
+            by_readout, by_delay = _by_timing(
+                J, J_depth, by_depth, is_depth, shares, moved_by[0], moved_by[1]
+            )
+            residual -= calibration[READOUT] * by_readout + calibration[DELAY] * by_delay
+            residual -= calibration[FOCAL] * row[FIRST_KEPT + FOCAL]
+            add_residual(H, g, row, weight, weight * residual)
     for k in range(FIRST_TURN, FIRST_KEPT):
         H[k, k] += TURN_INFORMATION
-    information = marginalize(H, g, NUM_KEPT)
-    information[:, :NUM_KEPT] *= CALIBRATION_STEP_RATIO
-    return information
-
-
-@kernel
-def _make_twists(view: CalibrationView) -> Array:
-    """(6, TWISTS) of a view."""
-    T_keyframe_camera = invert(view.T_camera_keyframe)
-    Ad, twists = se3_adjoint(T_keyframe_camera), np.zeros((6, NUM_TWISTS))
-    in_keyframe = body_motion(T_keyframe_camera, constant_velocity_motion(view.velocity))
-    for k in range(6):
-        velocity, keyframe_velocity = in_keyframe[k], -view.keyframe_velocity[k]
-        twists[k, VELOCITY], twists[k, KEYFRAME_VELOCITY] = velocity, keyframe_velocity
-        # The alignment's own velocity, to the view's; its effect by the share of a step.
-        share = 1.0 - CALIBRATION_STEP_RATIO
-        twists[k, VELOCITY_USED] = share * velocity - view.motion[k]
-        twists[k, KEYFRAME_VELOCITY_USED] = share * keyframe_velocity + view.keyframe_motion[k]
-        for turn in range(2):
-            twists[k, TURNS + turn] = -Ad[k, 3 + turn]
-    for turn in range(2):
-        twists[3 + turn, KEYFRAME_TURNS + turn] = -1.0
-    return twists
+    return marginalize(H, g, NUM_KEPT)
 
 
 @inline_kernel
@@ -198,63 +183,42 @@ def _along(J: Jacobian, motion: Array | tuple[float, float, float]) -> float:
 
 
 @inline_kernel
-def _change(J: Jacobian, twists: Array, n: int) -> float:
-    """Change of a residual with derivative J by one of the twists (6, TWISTS)."""
+def _by_twist(J: Jacobian, twist: Array) -> float:
+    """Change of a residual with derivative J by a twist, the first six of an array."""
     return float(
-        J[0] * twists[0, n]
-        + J[1] * twists[1, n]
-        + J[2] * twists[2, n]
-        + J[3] * twists[3, n]
-        + J[4] * twists[4, n]
-        + J[5] * twists[5, n]
-    )
-
-
-@kernel
-def _fill_row(
-    J: Jacobian,
-    J_delay: Jacobian,
-    is_depth: float,
-    twists: Array,
-    shares: tuple[float, float],
-    timings: tuple[float, float, float, float],
-    row: Array,
-) -> float:
-    """Fill in the derivatives of a residual by pose, turn and timing.
-
-    Args:
-        J: Derivative of the residual by a motion of the point.
-        J_delay: The same by a motion of the keyframe's depth camera before the point was read.
-        is_depth: 1 for depth, 0 for brightness.
-        twists: (6, TWISTS) of the view.
-        shares: Times of the frame's and of the keyframe's row as shares of the readout.
-        timings: Readout and delay of the frame, then of the keyframe.
-        row: (UNKNOWNS,) the derivatives.
-
-    Returns:
-        What is added to the residual to make it that of zero timing and of the view's velocities.
-    """
-    (share, keyframe_share), (readout, delay, keyframe_readout, keyframe_delay) = shares, timings
-    velocity = _change(J, twists, VELOCITY)
-    for k in range(6):
-        row[k] = J[k]
-    for k in range(2):
-        turn = is_depth * _change(J, twists, TURNS + k)
-        row[FIRST_TURN + k] = turn + _change(J_delay, twists, KEYFRAME_TURNS + k)
-    row[FIRST_KEPT + READOUT] = share * velocity - keyframe_share * _change(
-        J, twists, KEYFRAME_VELOCITY
-    )
-    row[FIRST_KEPT + DELAY] = is_depth * velocity + _change(J_delay, twists, KEYFRAME_VELOCITY)
-    return float(
-        (share * readout + is_depth * delay) * _change(J, twists, VELOCITY_USED)
-        - keyframe_share * keyframe_readout * _change(J, twists, KEYFRAME_VELOCITY_USED)
-        + keyframe_delay * _change(J_delay, twists, KEYFRAME_VELOCITY_USED)
+        J[0] * twist[0]
+        + J[1] * twist[1]
+        + J[2] * twist[2]
+        + J[3] * twist[3]
+        + J[4] * twist[4]
+        + J[5] * twist[5]
     )
 
 
 @inline_kernel
-def _scaled(J: Jacobian, scale: float) -> Jacobian:
-    return scale * J[0], scale * J[1], scale * J[2], scale * J[3], scale * J[4], scale * J[5]
+def _by_timing(
+    J: Jacobian,
+    J_depth: Jacobian,
+    by_depth: float,
+    is_depth: float,
+    shares: tuple[float, float],
+    moved: Array,
+    moved_keyframe: Array,
+) -> tuple[float, float]:
+    """Derivatives of a residual by readout and delay.
+
+    Args:
+        J: Derivative of the residual by a motion of the point.
+        J_depth: Derivative of the depth residual by it.
+        by_depth: Derivative of the residual by the keyframe's depth, relative to that.
+        is_depth: 1 for depth, 0 for brightness.
+        shares: Times of the frame's and of the keyframe's row as shares of the readout.
+        moved: (6,) twist of the keyframe's points while the frame was taken.
+        moved_keyframe: (6,) twist while the keyframe was taken.
+    """
+    velocity, keyframe_velocity = _by_twist(J, moved), _by_twist(J, moved_keyframe)
+    by_delay = is_depth * velocity + by_depth * _by_twist(J_depth, moved_keyframe)
+    return shares[0] * velocity - shares[1] * keyframe_velocity, by_delay
 
 
 @inline_kernel
@@ -278,8 +242,20 @@ def _magnify(
 
 # Information of the error that the views of a keyframe share.
 SHARED_INFORMATION = np.diag(np.array(KEYFRAME_CALIBRATION_SIGMAS) ** -2.0)
-# Added to the diagonal of an information before it is inverted, relative to it, and 1/s^2.
-RELATIVE_REGULARIZATION, REGULARIZATION = 1e-9, 1e-3
+# Added to the diagonal of an information before it is inverted.
+REGULARIZATION = 1e-3
+
+
+@kernel
+def given_focal(information: Array, state: Array) -> Array:
+    """(2, 3) information of the timing, given focal length and disagreement of a state (4,)."""
+    timing = np.empty((2, 3))
+    for i in range(2):
+        timing[i, 0], timing[i, 1] = information[i, 0], information[i, 1]
+        timing[i, 2] = information[i, NUM_KEPT]
+        for k in range(FOCAL, NUM_KEPT):
+            timing[i, 2] -= information[i, k] * state[k]
+    return timing
 
 
 @kernel
@@ -288,7 +264,7 @@ def solve_information(information: Array) -> tuple[Array, Array]:
     n = len(information)
     A = information[:, :n].copy()
     for k in range(n):
-        A[k, k] += RELATIVE_REGULARIZATION * A[k, k] + REGULARIZATION
+        A[k, k] += REGULARIZATION
     covariance, state = invert_cholesky(A), np.zeros(n)
     # Not `@`: a kernel with it loads SciPy's linear algebra.
     for i in range(n):
@@ -314,3 +290,29 @@ def limit_information(information: Array, error: float) -> Array:
                 for m in range(n):
                     limited[i, j] -= views[i, k] * inverse[k, m] * views[m, j]
     return limited
+
+
+@kernel
+def estimate_calibration(known: Array, views: Array, error: float) -> tuple[Array, Array]:
+    """(4,) state by all that is known, and its standard deviations.
+
+    Args:
+        known: (4, 5) information without that of the current keyframe's views.
+        views: (4, 5) sum over those.
+        error: Squared error of a view, relative to its information.
+    """
+    state, covariance = solve_information(known + limit_information(views, error))
+    sigmas = np.empty(NUM_KEPT)
+    for k in range(NUM_KEPT):
+        sigmas[k] = np.sqrt(covariance[k, k])
+    return state, sigmas
+
+
+@kernel
+def squared_error(view: Array, state: Array) -> float:
+    """Mean squared error of a view's timing, relative to its information (4, 5); at least 1."""
+    timing = given_focal(view, state)
+    mean, _ = solve_information(timing)
+    x, y = mean[0] - state[0], mean[1] - state[1]
+    squared = timing[0, 0] * x * x + 2.0 * timing[0, 1] * x * y + timing[1, 1] * y * y
+    return max(0.5 * float(squared), 1.0)

@@ -15,7 +15,7 @@ import numpy as np
 
 from drivers.core.geometry import Array
 from drivers.core.jit import inline_kernel
-from vo_service.odometry.direct.parameters import DEGREES_OF_FREEDOM, MIN_CURVATURE_RATIO
+from vo_service.odometry.direct.parameters import DEGREES_OF_FREEDOM
 
 # Derivatives of a residual by a small motion of the keyframe's points.
 Jacobian = tuple[float, float, float, float, float, float]
@@ -44,13 +44,6 @@ def student_weight(residual: float, variance: float) -> float:
 def student_negative_log(squared: float) -> float:
     """Negative logarithm of Student's t, up to a constant, of a squared residual in variances."""
     return float(0.5 * (DEGREES_OF_FREEDOM + 1.0) * np.log(1.0 + squared / DEGREES_OF_FREEDOM))
-
-
-@inline_kernel
-def student_curvature(residual: float, variance: float) -> float:
-    """Second derivative of Student's t over its weight, bounded."""
-    squared = residual * residual / variance
-    return max((DEGREES_OF_FREEDOM - squared) / (DEGREES_OF_FREEDOM + squared), MIN_CURVATURE_RATIO)
 
 
 @inline_kernel

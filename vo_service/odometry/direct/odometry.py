@@ -125,41 +125,25 @@ class DirectOdometry:
         """The keyframe that the next frame is aligned with; None before the first one."""
         return self._track.keyframe if self._track else None
 
-    def continue_from(self, keyframe: DirectKeyframe, motion_state: MotionState) -> None:
-        """Go on with another keyframe and another motion in the same world, after the first frame.
-
-        Args:
-            keyframe: Replaces all keyframes.
-            motion_state: At the last frame.
-        """
-        assert self._track is not None
-        self._map.reset(keyframe)
-        self._track = DirectTrack(keyframe, motion_state, self._track.T_world_reference)
-        self._T_world_camera = motion_state.T_world_camera
-        self._failures = 0
-
-    @property
-    def T_world_reference(self) -> Array:
-        """4x4 pose of the frame that the motion of the next estimate is relative to."""
-        return self._track.T_world_reference if self._track else self._T_world_camera
-
-    def continue_with_reference(self, T_world_reference: Array) -> None:
-        """Make the motion of the next estimate relative to a frame with this pose (4x4)."""
-        assert self._track is not None
-        self._track = replace(self._track, T_world_reference=T_world_reference)
-
-    def replace_keyframes(
-        self, keyframes: Sequence[DirectKeyframe], active: DirectKeyframe
+    def continue_from(
+        self,
+        keyframes: Sequence[DirectKeyframe],
+        active: DirectKeyframe,
+        motion_state: MotionState | None = None,
     ) -> None:
-        """Go on with other keyframes of the same world.
+        """Go on with other keyframes of the same world, after the first frame.
 
         Args:
             keyframes: All keyframes, the most recently used one last.
             active: The one of them that the next frame is aligned with.
+            motion_state: Another one at the last frame; None for the same.
         """
+        assert self._track is not None
         self._map.keyframes = list(keyframes)
-        if self._track is not None:
-            self._track = replace(self._track, keyframe=active)
+        self._track = replace(self._track, keyframe=active)
+        if motion_state is not None:
+            self._track = DirectTrack(active, motion_state, self._track.T_world_reference)
+            self._T_world_camera, self._failures = motion_state.T_world_camera, 0
 
     def estimate(self, frame: RgbdFrame) -> Estimate:
         """Estimate the camera's pose by aligning this frame with the keyframe.

@@ -212,77 +212,49 @@ MIN_OBSERVED_SHARE = 0.25
 # CALIBRATION
 # Several values are of readout time and delay of depth after color, s, then of the logarithm of the
 # focal length (0.01 is 1 % longer), then of the disagreement of depth with brightness about it.
-# Every point of this many is used for the calibration.
-CALIBRATION_POINT_STRIDE = 2
-# Share of the true step that one step of the calibration makes: residuals are not linear in it.
-CALIBRATION_STEP_RATIO = 0.8
+# Every view, and every point, of this many is used for the calibration.
+CALIBRATION_STRIDE = 2
 # Information of the depth camera's turn against the color camera, 1/rad^2: that of 3 px or 6 mrad,
 # times the error of a view, as the view's information is too large by that factor.
 TURN_INFORMATION = 4e5
-# Smallest curvature of the residuals' Student's t, as a share of its weight.
-MIN_CURVATURE_RATIO = 0.2
-# Slower views are not used; the weight of a view is half at the second speed, and the search for
-# the timing begins there. In rad/s, as if everything were SCENE_DEPTH_M away.
-MIN_CALIBRATION_SPEED = 0.08
-HALF_WEIGHT_SPEED = 0.2
+# Slower views are not used, and the search for the timing begins there. In rad/s, as if everything
+# were SCENE_DEPTH_M away.
+MIN_CALIBRATION_SPEED = 0.15
 SCENE_DEPTH_M = 2.0
 # The largest interval between poses that a velocity is computed from, s.
 MAX_POSE_INTERVAL_S = 0.2
-# Squared error of a view, relative to its information: forgetting factor of its mean, value and
-# number of views before the first one. It is 2 of smooth motions and 120 of room_rolling: with 20
-# there, the timing jumps by several ms, and the focal length is learned 2 % wrong.
-VIEW_ERROR_DECAY = 0.97
-INITIAL_VIEW_ERROR, INITIAL_VIEW_ERROR_VIEWS = 100.0, 4.0
+# Squared error of a view, relative to its information: forgetting factor of its mean, and value
+# before the first view. It is 2 of smooth motions and 120 of room_rolling: with 20 there, the
+# timing jumps by several ms, and the focal length is learned 2 % wrong.
+VIEW_ERROR_DECAY = 0.95
+INITIAL_VIEW_ERROR = 100.0
 # Sigmas of the error that all views of one keyframe share.
 KEYFRAME_CALIBRATION_SIGMAS = (0.004, 0.002, 0.015, 0.020)
 # Forgetting factor per keyframe.
 CALIBRATION_DECAY = 0.99
-# Largest readout time, and largest correction of the delay: rows are read within the interval of
-# frames, and the two images of a frame are at most half of it apart. A keyframe that asks for more,
-# by so many of its sigmas, has errors of another kind and is left out.
-MAX_TIMING_S = (0.040, 0.020)
-MAX_IMPOSSIBLE_SIGMAS = 2.0
 # Sigma of the frames' focal length: a Kinect's usual intrinsics are 1 to 3 % off.
 FOCAL_PRIOR_SIGMA = 0.02
-# Fewest views, and largest sigmas, of an estimate that is used.
-MIN_CALIBRATION_VIEWS = 6
+# Largest sigmas of an estimate that is used.
 MAX_CALIBRATION_SIGMAS = (0.005, 0.003, 0.009, 0.020)
-# The calibration in use changes by at least this much, and by this many sigmas; the focal length
-# also by this share of the disagreement. On real recordings depth asks for a focal length that is
-# several percent shorter; without this, the error of redkitchen is 28 mm instead of 23.
+# The calibration in use changes by at least this much, and by its sigma.
 MIN_CALIBRATION_CHANGES = (0.001, 0.0005, 0.004)
-MIN_CALIBRATION_CHANGE_SIGMAS = (0.7, 0.7, 1.5)
-MIN_FOCAL_DISAGREEMENT_SHARE = 0.5
-# Share of a change that stays uncertain: residuals are not linear in the focal length.
-FOCAL_NONLINEARITY = 0.6
-# Below these sigmas only every n-th view and trial is used.
-SETTLED_CALIBRATION_SIGMAS = (0.004, 0.002, 0.008)
-SETTLED_STRIDE = 3
-# If the last keyframes, at least and at most so many, differ from all before by this many sigmas,
-# the timing has changed, and all before is forgotten.
-MIN_CHANGED_KEYFRAMES, NUM_RECENT_KEYFRAMES = 3, 6
-TIMING_CHANGE_SIGMAS = 3.5
-# The frames contradict a timing that is off by this many sigmas.
-CONTRADICTION_SIGMAS = 4.0
-# Frames are compared with and without what was learned at the end of a keyframe, and after so many
-# frames. A learned value is used if the last ones, at least and at most so many, together fit
-# better with it, by this much of the negative log-likelihood each: a needed timing gains 0.2
-# (redkitchen) to 1 (room_rolling), and of a global shutter (room_desk) it is 0.00 +- 0.03.
-TRIAL_INTERVAL = 10
-MIN_TRIAL_FRAMES, NUM_TRIAL_FRAMES = 3, 6
+# If so many last keyframes differ from all before by so many sigmas, the timing has changed, and
+# all before is forgotten. The frames contradict what they tell if they differ by as much.
+NUM_RECENT_KEYFRAMES = 4
+CALIBRATION_CHANGE_SIGMAS = 3.5
+# A frame of this many is compared with and without what was learned. A learned value is used if the
+# last ones together fit better with it, by this much of the negative log-likelihood each: a needed
+# timing gains 0.2 (redkitchen) to 1 (room_rolling), and of a global shutter (room_desk) it is 0.00
+# +- 0.03.
+TRIAL_INTERVAL = 6
+NUM_TRIAL_FRAMES = 4
 MIN_TRIAL_GAIN = 0.02
-# Keyframes whose timing is off by more are forgotten.
-MAX_KEYFRAME_TIMING_ERRORS_S = (0.004, 0.002)
 # The search for the timing takes this many frames.
 NUM_SEARCHED_FRAMES = 8
-# Largest number of alignments of small trackers in a frame. One takes a third of a usual alignment.
-MAX_SEARCH_STEPS_PER_FRAME = 9
-# Its steps in readout and delay: three values each. Sigmas of a timing between them.
+# Its steps in readout and delay: three values each.
 SEARCH_STEPS_S = (0.015, 0.008)
-SEARCH_SIGMAS_S = (0.006, 0.004)
 # Difference of the summed logarithms of the residuals' sigmas that halves a timing's weight thrice.
 SEARCH_SCORE_SCALE = 0.5
-# The best timing is used if its score, in that scale, is lower by this much than without a
-# correction; and before the last frame of the search if it is lower by the second value.
-MIN_SEARCH_SCORE_GAIN = 1.0
-SUFFICIENT_SEARCH_SCORE_GAIN = 4.0
+# The best timing is used as soon as its score, in that scale, is lower by this much than without a
+# correction.
+MIN_SEARCH_SCORE_GAIN = 3.0

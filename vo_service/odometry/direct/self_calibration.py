@@ -5,15 +5,16 @@ frames are tracked with several timings, and the odometry goes on with the best 
 view adds to the estimate, two frames late, when the velocity at it is known.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from math import exp, hypot, log
 
 import numpy as np
 
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import Array
-from vo_service.odometry.direct.calibration import CalibrationFilter, CalibrationPrior
+from vo_service.odometry.direct.alignment import align, uniform_weights
+from vo_service.odometry.direct.calibration import CalibrationFilter
 from vo_service.odometry.direct.calibration_equations import (
     FOCAL,
     TIMING,
@@ -21,35 +22,37 @@ from vo_service.odometry.direct.calibration_equations import (
     measure_calibration,
 )
 from vo_service.odometry.direct.calibration_search import (
-    SearchedFrame,
     TimingSearch,
     TimingSearchResult,
     needs_search,
 )
-from vo_service.odometry.direct.calibration_trial import TrialFrame
-from vo_service.odometry.direct.image_pyramid import ALL_STATIC
+from vo_service.odometry.direct.image_pyramid import (
+    ALL_STATIC,
+    build_image_pyramid,
+)
 from vo_service.odometry.direct.keyframe import DirectKeyframe, make_keyframe
+from vo_service.odometry.direct.keyframe_correction import (
+    SPARSE_STRIDE,
+    correct_camera,
+    correct_frame,
+    correct_keyframe,
+    correct_shutter,
+    told_shutter,
+)
 from vo_service.odometry.direct.keyframe_selection import TrackedFrame
-from vo_service.odometry.direct.motion import constant_velocity_motion, se3_log
-from vo_service.odometry.direct.motion_state import MotionState
+from vo_service.odometry.direct.motion import constant_velocity_motion, se3_log, zero_motion
 from vo_service.odometry.direct.odometry import DirectOdometry
 from vo_service.odometry.direct.parameters import (
+    CALIBRATION_STRIDE,
     FOCAL_PRIOR_SIGMA,
-    HALF_WEIGHT_SPEED,
-    MAX_KEYFRAME_TIMING_ERRORS_S,
     MAX_POSE_INTERVAL_S,
     MIN_CALIBRATION_SPEED,
+    NUM_TRIAL_FRAMES,
     SCENE_DEPTH_M,
-    SETTLED_STRIDE,
     TRIAL_INTERVAL,
 )
-from vo_service.odometry.direct.view_history import (
-    ToldFrame,
-    TrackedView,
-    ViewHistory,
-    correct_camera,
-    corrected_shutter,
-)
+from vo_service.odometry.direct.quality import TrackingResult
+from vo_service.odometry.direct.view_history import TrackedView, ViewHistory
 from vo_service.types.estimate import Estimate, OnlineFocalLength, OnlineTiming
 from vo_service.types.odometry import NullStageTimer, StageTimer
 
@@ -69,8 +72,6 @@ class SelfCalibratingOdometry:
         self._filter: CalibrationFilter | None = None
         self._sensor: tuple[str, PinholeCamera] | None = None
         self._is_search_needed = False
-        # The last good frame with the pose at it, before the search.
-        self._before_search: tuple[ToldFrame, Array] | None = None
         self._search: TimingSearch | None = None
         self._view_count = self._untried_count = 0
 
@@ -88,22 +89,28 @@ class SelfCalibratingOdometry:
         """Estimate the camera's pose, see `DirectOdometry.estimate`, and learn from it."""
         if frame.timing_prior is None:
             return self._tracker.estimate(frame)
-        told = ToldFrame.of(frame)
+        before = self._tracker.last_frame or self._tracker.active_keyframe
         # Another sensor has been plugged in: it has its own calibration.
         if self._filter is None or self._sensor != (frame.serial, frame.camera):
-            self._filter = self._start(told)
-        if self._is_search_needed:
-            with self._timer.stage("calibration"):
-                self._end_search(told)
-        estimate = self._track(told)
-        if self._is_search_needed:
-            with self._timer.stage("calibration"):
-                self._search_timing(told, estimate)
+            self._start(frame)
+            before = None
+        corrected = correct_frame(frame, self._learned.in_use)
+        estimate = self._tracker.estimate(corrected)
+        with self._timer.stage("calibration"):
+            if estimate.is_reset:
+                self._history.clear()
+                self._search = before = None
+            if estimate.ok:
+                self._learn(frame, estimate)
+            else:
+                self._history.interrupt()
+            if self._is_search_needed:
+                self._search_timing(corrected, frame, estimate.ok, before)
         return replace(
             estimate,
             covariance=self._add_focal_error(estimate),
             timing=self._report_timing(frame),
-            focal_length=self._report_focal_length(),
+            focal_length=self._report_focal_length(frame),
         )
 
     def _add_focal_error(self, estimate: Estimate) -> Array:
@@ -122,134 +129,100 @@ class SelfCalibratingOdometry:
         assert self._filter is not None
         return self._filter
 
-    # -- tracking --------------------------------------------------------------------------------
-    def _start(self, told: ToldFrame) -> CalibrationFilter:
+    def _start(self, frame: RgbdFrame) -> None:
         """Start with what the first frame of a sensor tells."""
-        frame = told.frame
         self._sensor = frame.serial, frame.camera
         self._history.clear()
-        self._before_search = self._search = None
+        self._search = None
         sigmas_s = _told_sigmas_s(frame)
         self._is_search_needed = needs_search(sigmas_s)
-        return _make_filter(told, np.zeros(2), sigmas_s)
-
-    def _track(self, told: ToldFrame) -> Estimate:
-        calibration = self._learned.in_use
-        estimate = self._tracker.estimate(told.with_correction(calibration))
-        if estimate.is_reset:
-            self._history.clear()
-        if not estimate.ok:
-            self._history.interrupt()
-            return estimate
-        with self._timer.stage("calibration"):
-            view = TrackedView(
-                told.frame.stamp_s, told.timing, calibration, estimate.T_world_camera
-            )
-            tracked = self._tracker.last_frame
-            # A degenerate view fits with a wrong calibration as well.
-            is_aligned = tracked is not None and tracked.images.stamp_s == view.stamp_s
-            if tracked is not None and is_aligned and tracked.is_well_constrained:
-                view.keyframe, view.alignment = tracked.result.keyframe, tracked.result.alignment
-            if self._learn(view, self._tracker.keyframes):
-                self._correct_keyframes(calibration)
-            if tracked is not None and view.keyframe is not None:
-                self._compare(told, tracked, is_last=estimate.is_next_reference)
-        return estimate
+        self._filter = _make_filter(frame, np.zeros(2), sigmas_s)
 
     # -- search ----------------------------------------------------------------------------------
-    def _search_timing(self, told: ToldFrame, estimate: Estimate) -> None:
-        """Begin the search once there is motion or tracking fails, and continue it.
-
-        Frames that are rare tell neither a velocity nor, from it, a timing.
-        """
-        learned, before = self._learned, self._before_search
-        if estimate.is_reset or learned.is_certain:
-            self._search = None
-            self._is_search_needed = not learned.is_certain
-        is_moving = not estimate.ok or _speed(self._tracker.velocity) > HALF_WEIGHT_SPEED
-        focal = float(learned.in_use[FOCAL])
-        is_rare = (
-            before is not None
-            and told.frame.stamp_s - before[0].frame.stamp_s > MAX_POSE_INTERVAL_S
-        )
-        if self._search is None and before is not None and is_moving and not is_rare:
-            first, T_world_first = before
-            self._search = TimingSearch(
-                SearchedFrame.of(first, focal), T_world_first, _told_sigmas_s(told.frame)
-            )
-        if self._search is not None:
-            tracked = self._tracker.last_frame
-            is_tracked = tracked is not None and tracked.images.stamp_s == told.frame.stamp_s
-            images = tracked.images if tracked is not None and is_tracked else None
-            self._search.add(SearchedFrame.of(told, focal, images))
-        self._before_search = (told, estimate.T_world_camera) if estimate.ok else None
-
-    def _end_search(self, told: ToldFrame) -> None:
-        """Go on with the best timing, if the search has found it."""
-        search = self._search
-        if search is None or not search.num_compared:
-            return
-        found = search.evaluate()
-        if not (found.is_certain or search.is_complete):
-            return
-        self._search = None
-        if found.is_clear:
-            self._is_search_needed = False
-            self._continue_from(search, found)
-        elif _speed(self._tracker.velocity) > HALF_WEIGHT_SPEED:
-            self._is_search_needed = False
-
-    def _continue_from(self, search: TimingSearch, found: TimingSearchResult) -> None:
-        """Track the frames of the search again, with the timing found."""
-        first = search.first
-        self._filter = _make_filter(first.told, found.mean, found.sigmas_s)
-        images = first.with_timing(self._filter.in_use)
-        keyframe = make_keyframe(
-            first.frame,
-            images,
-            search.T_world_first,
-            constant_velocity_motion(found.best.velocity_of_first),
-            ALL_STATIC,
-        )
-        # The estimates of these frames are not published, nor that they change the reference.
-        T_world_reference = self._tracker.T_world_reference
-        start = MotionState.at_rest(search.T_world_first, images)
-        self._tracker.continue_from(keyframe, start)
-        self._history.clear()
-        self._history.add(
-            TrackedView(
-                images.stamp_s, first.told.timing, self._filter.in_use, search.T_world_first
-            ),
-            [keyframe],
-        )
-        for frame in search.frames:
-            self._track(frame.told)
-        self._tracker.continue_with_reference(T_world_reference)
-
-    # -- learning --------------------------------------------------------------------------------
-    def _learn(self, view: TrackedView, keyframes: Sequence[DirectKeyframe]) -> bool:
-        """Add a view to the history, and learn from the one whose velocity is now known.
+    def _search_timing(
+        self,
+        frame: RgbdFrame,
+        told: RgbdFrame,
+        is_good: bool,
+        before: TrackedFrame | DirectKeyframe | None,
+    ) -> None:
+        """Search for the timing once there is motion or tracking fails.
 
         Args:
-            view: The view.
-            keyframes: All that are in use.
-
-        Returns:
-            Whether the calibration in use has changed.
+            frame: The frame as it was tracked.
+            told: The frame as it came from the camera.
+            is_good: Whether it has a pose.
+            before: The good frame before it, or the first keyframe.
         """
-        past = self._history.add(view, keyframes)
-        if past is None or past.keyframe is None or past.alignment is None:
-            return False
-        assert past.velocity is not None
+        if self._learned.is_certain:
+            self._search, self._is_search_needed = None, False
+            return
+        is_fast = _speed(self._tracker.velocity) > MIN_CALIBRATION_SPEED
+        if self._search is None and before is not None and (is_fast or not is_good):
+            # Frames that are rare tell neither a velocity nor, from it, a timing.
+            if frame.stamp_s - before.images.stamp_s > MAX_POSE_INTERVAL_S:
+                return
+            keyframe = before if isinstance(before, DirectKeyframe) else _at_rest(before)
+            self._search = TimingSearch(_told_sigmas_s(told), keyframe)
+        if self._search is None:
+            return
+        last = self._tracker.last_frame
+        is_tracked = last is not None and last.images.stamp_s == frame.stamp_s
+        self._search.add(last.images if last and is_tracked else build_image_pyramid(frame))
+        found = self._search.evaluate()
+        if not found.is_last:
+            return
+        if found.is_clear:
+            self._continue_from(found, self._search.keyframe, told)
+        self._is_search_needed = not found.is_clear and not is_fast
+        self._search = None
+
+    def _continue_from(
+        self, found: TimingSearchResult, first: DirectKeyframe, told: RgbdFrame
+    ) -> None:
+        """Go on with a timing that the search has found, from the pose of the best tracker."""
+        self._filter = _make_filter(told, found.mean, found.sigmas_s)
+        calibration, images = self._filter.in_use, first.images
+        keyframe = correct_keyframe(
+            first,
+            images.camera,
+            correct_shutter(images.shutter, calibration),
+            constant_velocity_motion(found.best.velocity_of_first),
+        )
+        self._tracker.continue_from([keyframe], keyframe, found.best.motion_state)
+        self._history.clear()
+        for stamp_s, T_world_camera in found.best.poses:
+            view = TrackedView(stamp_s, images.shutter, calibration, T_world_camera)
+            self._history.add(view, [keyframe])
+
+    # -- learning --------------------------------------------------------------------------------
+    def _learn(self, frame: RgbdFrame, estimate: Estimate) -> None:
+        """Learn from a tracked frame."""
+        before, tracked = self._learned.in_use, self._tracker.last_frame
+        view = TrackedView(frame.stamp_s, told_shutter(frame), before, estimate.T_world_camera)
+        # A degenerate view fits with a wrong calibration as well.
+        if tracked and tracked.images.stamp_s == frame.stamp_s and tracked.is_well_constrained:
+            view.tracked = tracked
+        past = self._history.add(view, self._tracker.keyframes)
+        if past is not None and past.tracked is not None:
+            is_changed = self._add_view(past, past.tracked)
+            past.tracked = None
+            if is_changed:
+                self._correct_keyframes(before[FOCAL] == self._learned.in_use[FOCAL])
+        if view.tracked is not None:
+            self._compare(view, view.tracked)
+
+    def _add_view(self, view: TrackedView, tracked: TrackedFrame) -> bool:
+        """Learn from a view with known velocity; return whether the calibration has changed."""
         self._view_count += 1
-        speed = _speed(past.velocity)
-        keyframe, alignment = past.keyframe, past.alignment
+        if self._view_count % CALIBRATION_STRIDE:
+            return False
+        keyframe, alignment = tracked.result.keyframe, tracked.result.alignment
         keyframe_view = self._history.find(keyframe.images.stamp_s)
         if (
-            speed < MIN_CALIBRATION_SPEED
-            or keyframe_view is None
-            or keyframe_view.velocity is None
-            or (self._learned.is_settled and self._view_count % SETTLED_STRIDE)
+            keyframe_view is None
+            or not keyframe_view.has_velocity
+            or _speed(view.velocity) < MIN_CALIBRATION_SPEED
         ):
             return False
         information = measure_calibration(
@@ -260,82 +233,62 @@ class SelfCalibratingOdometry:
             CalibrationView(
                 T_camera_keyframe=alignment.T_camera_keyframe,
                 motion=alignment.motion,
-                velocity=past.velocity,
+                velocity=view.velocity,
                 keyframe_motion=keyframe.motion,
                 keyframe_velocity=keyframe_view.velocity,
-                calibration=past.calibration,
-                keyframe_timing=_timing_of(keyframe) - keyframe_view.told,
+                calibration=view.calibration,
                 intrinsics=keyframe.images.intrinsics[0],
                 height=keyframe.images.camera.height,
             ),
         )
-        weight = speed**4 / (speed**4 + HALF_WEIGHT_SPEED**4)
-        return self._learned.add(keyframe.images.stamp_s, weight * information)
+        return self._learned.add(keyframe.images.stamp_s, information)
 
-    def _compare(self, told: ToldFrame, tracked: TrackedFrame, is_last: bool) -> None:
-        """Compare the fit of some frames with and without what was learned.
-
-        Args:
-            told: The frame.
-            tracked: The frame, aligned with its keyframe.
-            is_last: Whether the next frame has another keyframe.
-        """
+    def _compare(self, view: TrackedView, tracked: TrackedFrame) -> None:
+        """Compare the fit of some frames with and without what was learned."""
         self._untried_count += 1
-        if self._learned.is_tried:
-            is_due = self._untried_count >= SETTLED_STRIDE * TRIAL_INTERVAL
-        else:
-            is_due = is_last or self._untried_count >= TRIAL_INTERVAL
-        view = self._history.find(tracked.result.keyframe.images.stamp_s)
-        if is_due and view is not None and view.velocity is not None:
+        rate = 2 * NUM_TRIAL_FRAMES if self._learned.is_tried else 1
+        if self._untried_count >= rate * TRIAL_INTERVAL:
             self._untried_count = 0
-            trial = TrialFrame(tracked, told.timing, told.frame.camera, view)
-            self._learned.compare(trial.negative_log_likelihood)
+            self._learned.compare(partial(self._misfit, view, tracked))
 
-    def _correct_keyframes(self, before: Array) -> None:
-        """After a change: rebuild the active keyframe, forget those that are far off.
+    def _misfit(self, view: TrackedView, tracked: TrackedFrame, calibration: Array) -> float:
+        """Negative log-likelihood of a view by sparse points, with a calibration (3,)."""
+        result = tracked.result
+        keyframe = self._correct(result.keyframe, calibration, SPARSE_STRIDE)
+        shutter = correct_shutter(view.told, calibration)
+        alignment = align(
+            keyframe.points,
+            replace(tracked.images, camera=keyframe.images.camera, shutter=shutter),
+            result.alignment.T_camera_keyframe,
+            result.prior,
+            result.alignment.gain,
+            uniform_weights(),
+        )
+        return TrackingResult(keyframe, alignment, result.prior).negative_log_likelihood
 
-        Args:
-            before: (3,) calibration in use before.
-        """
-        active = self._tracker.active_keyframe
+    def _correct_keyframes(self, is_map_kept: bool) -> None:
+        """Correct the active keyframe after a change, and the others or forget them."""
+        old, active = self._tracker.active_keyframe, self._tracker.active_keyframe
+        keyframes = []
+        for keyframe in self._tracker.keyframes:
+            if keyframe is old or is_map_kept:
+                keyframes.append(self._correct(keyframe, self._learned.in_use))
+                active = keyframes[-1] if keyframe is old else active
         assert active is not None
-        has_same_focal = before[FOCAL] == self._learned.in_use[FOCAL]
-        rebuilt = self._rebuild(active)
-        self._tracker.replace_keyframes(
-            [
-                rebuilt if keyframe is active else keyframe
-                for keyframe in self._tracker.keyframes
-                if keyframe is active or (has_same_focal and self._is_close(keyframe))
-            ],
-            rebuilt,
-        )
+        self._tracker.continue_from(keyframes, active)
 
-    def _rebuild(self, keyframe: DirectKeyframe) -> DirectKeyframe:
-        """Return a keyframe with the calibration in use; without velocity its timing stays."""
+    def _correct(
+        self, keyframe: DirectKeyframe, calibration: Array, stride: int = 1
+    ) -> DirectKeyframe:
+        """Return a keyframe with a calibration (3,), see `correct_keyframe`."""
         assert self._sensor is not None
-        calibration, shutter = self._learned.in_use, keyframe.images.shutter
-        camera, motion = correct_camera(self._sensor[1], calibration), keyframe.motion
+        motion, shutter = keyframe.motion, keyframe.images.shutter
         view = self._history.find(keyframe.images.stamp_s)
-        if view is not None and view.velocity is not None:
-            shutter = corrected_shutter(view.told, calibration)
-            motion = constant_velocity_motion(view.velocity)
-        elif camera == keyframe.images.camera:
-            return keyframe
-        return make_keyframe(
-            replace(keyframe.frame, camera=camera),
-            replace(keyframe.images, camera=camera, shutter=shutter),
-            keyframe.T_world_keyframe,
-            motion,
-            ALL_STATIC,
-        )
-
-    def _is_close(self, keyframe: DirectKeyframe) -> bool:
-        """Whether a keyframe was made with nearly the timing in use."""
-        view = self._history.find(keyframe.images.stamp_s)
-        if view is None:
-            return True
-        off = np.abs(_timing_of(keyframe) - view.told - self._learned.in_use[TIMING])
-        return bool((off <= MAX_KEYFRAME_TIMING_ERRORS_S).all())
+        if view is not None:
+            shutter = correct_shutter(view.told, calibration)
+            motion = constant_velocity_motion(view.velocity) if view.has_velocity else motion
+        camera = correct_camera(self._sensor[1], calibration)
+        return correct_keyframe(keyframe, camera, shutter, motion, stride)
 
     # -- report ----------------------------------------------------------------------------------
     def _report_timing(self, frame: RgbdFrame) -> OnlineTiming:
@@ -358,28 +311,28 @@ class SelfCalibratingOdometry:
             is_refused=learned.timing_trial.is_refused,
         )
 
-    def _report_focal_length(self) -> OnlineFocalLength:
+    def _report_focal_length(self, frame: RgbdFrame) -> OnlineFocalLength:
         learned = self._learned
+        told = "intrinsics" if frame.focal_prior is None else "memory"
         return OnlineFocalLength(
             exp(learned.in_use[FOCAL]),
             float(learned.sigmas[FOCAL]),
             learned.disagreement,
-            learned.focal_source,
+            "learned" if learned.is_focal_learned else told,
             learned.focal_trial.is_refused,
         )
 
 
-def _make_filter(told: ToldFrame, timing: Array, sigmas_s: Array) -> CalibrationFilter:
+def _make_filter(frame: RgbdFrame, timing: Array, sigmas_s: Array) -> CalibrationFilter:
     """Make the filter that begins with a timing (2,), sigmas (2,), and the known focal length."""
-    known = told.frame.focal_prior
+    known = frame.focal_prior
     focal, sigma = (log(known.scale), known.sigma) if known else (0.0, FOCAL_PRIOR_SIGMA)
-    prior = CalibrationPrior(
-        mean=np.append(timing, focal),
-        sigmas=np.append(sigmas_s, sigma),
-        unlearned=np.array([0.0, 0.0, focal]),
-        focal_source="memory" if known else "intrinsics",
+    return CalibrationFilter(
+        np.append(timing, focal),
+        np.append(sigmas_s, sigma),
+        np.array([0.0, 0.0, focal]),
+        -frame.readout_s,
     )
-    return CalibrationFilter(prior, -float(told.timing[0]))
 
 
 def _told_sigmas_s(frame: RgbdFrame) -> Array:
@@ -395,7 +348,7 @@ def _speed(velocity: Array) -> float:
     return hypot(*rotation, hypot(*translation) / SCENE_DEPTH_M)
 
 
-def _timing_of(keyframe: DirectKeyframe) -> Array:
-    """(2,) readout and delay that a keyframe was made with, s."""
-    shutter = keyframe.images.shutter
-    return np.array([shutter.readout_s, shutter.skew_s])
+def _at_rest(tracked: TrackedFrame) -> DirectKeyframe:
+    """Make a keyframe of a frame, as of a camera at rest."""
+    T_world_camera = tracked.result.T_world_camera
+    return make_keyframe(tracked.frame, tracked.images, T_world_camera, zero_motion(), ALL_STATIC)

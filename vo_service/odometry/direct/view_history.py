@@ -3,115 +3,69 @@
 The equations of the calibration need velocities that do not depend on the calibration themselves.
 """
 
-from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from math import exp
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
-from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import Array
 from drivers.core.jit import kernel
-from vo_service.odometry.direct.alignment import DirectAlignment
-from vo_service.odometry.direct.calibration_equations import FOCAL, TIMING
 from vo_service.odometry.direct.image_pyramid import ImageTiming
 from vo_service.odometry.direct.keyframe import DirectKeyframe
+from vo_service.odometry.direct.keyframe_selection import TrackedFrame
 from vo_service.odometry.direct.motion import compose, invert, se3_log
 from vo_service.odometry.direct.parameters import MAX_POSE_INTERVAL_S, MIN_FRAME_INTERVAL_S
 
-# Poses of a velocity: two before the frame, two after it.
+# Poses of a velocity: two before the frame, two after it; of the first two frames, the first ones.
 NUM_VELOCITY_POSES = 5
-# Of the first frame, which has none before it.
-NUM_FIRST_VELOCITY_POSES = 4
-# Unused views are forgotten when there are more of them: at every frame it would cost more.
-MAX_UNUSED_VIEWS = 30
+Pose = tuple[float, Array]
 
 
-@dataclass(frozen=True)
-class ToldFrame:
-    """A frame with the timing that it tells.
-
-    Attributes:
-        frame: The frame as it came from the camera.
-        timing: (2,) its readout and the delay of depth after color, s.
-    """
-
-    frame: RgbdFrame
-    timing: Array
-
-    @classmethod
-    def of(cls, frame: RgbdFrame) -> "ToldFrame":
-        """Make it from a frame of a camera."""
-        return cls(frame, np.array([frame.readout_s, frame.skew_s]))
-
-    def with_correction(self, correction: Array) -> RgbdFrame:
-        """Return the frame with a corrected calibration.
-
-        Args:
-            correction: (3,) of readout, delay and logarithm of the focal length.
-        """
-        shutter = corrected_shutter(self.timing, correction)
-        return replace(
-            self.frame,
-            camera=correct_camera(self.frame.camera, correction),
-            readout_s=shutter.readout_s,
-            skew_s=shutter.skew_s,
-        )
-
-
-def correct_camera(camera: PinholeCamera, correction: Array) -> PinholeCamera:
-    """Return a camera with the focal length corrected by a calibration (3,)."""
-    if correction[FOCAL] == 0.0:
-        return camera
-    scale = exp(correction[FOCAL])
-    return replace(camera, fx=scale * camera.fx, fy=scale * camera.fy)
-
-
-def corrected_shutter(told: Array, correction: Array) -> ImageTiming:
-    """Timing of images whose frame tells (2,) s, corrected; the readout is at least zero."""
-    readout_s, skew_s = (told[TIMING] + correction[TIMING]).tolist()
-    return ImageTiming(max(readout_s, 0.0), skew_s)
-
-
-@dataclass
+@dataclass(eq=False)
 class TrackedView:
     """A tracked frame.
 
     Attributes:
         stamp_s: Of the frame.
-        told: (2,) timing that the frame tells, s.
+        told: The timing that the frame tells.
         calibration: (3,) correction that it was aligned with.
         T_world_camera: 4x4 pose.
-        keyframe: The keyframe that it was aligned with; None if it was not aligned.
-        alignment: The alignment.
-        velocity: (6,) twist of the camera in its own axes, m/s and rad/s; None while unknown.
-        is_first: Whether it is the first one of its world.
+        tracked: Its alignment; None if it was not aligned, or is degenerate.
+        poses: Stamps and poses around it, and its place there; none while they are not known.
+        at: See poses.
     """
 
     stamp_s: float
-    told: Array
+    told: ImageTiming
     calibration: Array
     T_world_camera: Array
-    keyframe: DirectKeyframe | None = None
-    alignment: DirectAlignment | None = None
-    velocity: Array | None = None
-    is_first: bool = False
+    tracked: TrackedFrame | None = None
+    poses: list[Pose] = field(default_factory=list)
+    at: int = 0
+
+    @property
+    def has_velocity(self) -> bool:
+        """Whether the velocity is known."""
+        return bool(self.poses)
+
+    @cached_property
+    def velocity(self) -> Array:
+        """(6,) twist of the camera in its own axes, m/s and rad/s."""
+        return velocity_at(self.poses, self.at)
 
 
 class ViewHistory:
     """The last views without a gap, and those that have become keyframes."""
 
     def __init__(self) -> None:
-        self._recent: deque[TrackedView] = deque(maxlen=NUM_VELOCITY_POSES + 2)
+        self._recent: list[TrackedView] = []
         self._by_stamp: dict[float, TrackedView] = {}
-        self._is_empty = True
 
     def clear(self) -> None:
         """Forget all views: the next one is the first of another world."""
         self._recent.clear()
         self._by_stamp.clear()
-        self._is_empty = True
 
     def interrupt(self) -> None:
         """A frame has no pose: no velocity is computed across it."""
@@ -132,32 +86,25 @@ class ViewHistory:
             interval_s = view.stamp_s - self._recent[-1].stamp_s
             if not MIN_FRAME_INTERVAL_S <= interval_s <= MAX_POSE_INTERVAL_S:
                 self._recent.clear()
-        view.is_first, self._is_empty = self._is_empty, False
-        self._recent.append(view)
+        is_begin = len(self._recent) < NUM_VELOCITY_POSES
+        self._recent = [*self._recent[1 - NUM_VELOCITY_POSES :], view]
+        recent = self._recent
         self._by_stamp[view.stamp_s] = view
-        if len(self._by_stamp) > MAX_UNUSED_VIEWS + len(keyframes):
-            self._forget_all_but({keyframe.images.stamp_s for keyframe in keyframes})
-        views = list(self._recent)
-        if views[0].is_first and len(views) == NUM_FIRST_VELOCITY_POSES:
-            views[0].velocity = velocity_at(views, 0)
-        if len(views) < NUM_VELOCITY_POSES:
+        if len(self._by_stamp) > 2 * (len(keyframes) + NUM_VELOCITY_POSES):
+            needed = {each.images.stamp_s for each in keyframes} | {v.stamp_s for v in recent}
+            self._by_stamp = {s: v for s, v in self._by_stamp.items() if s in needed}
+        if len(recent) < NUM_VELOCITY_POSES:
             return None
-        last = views[-NUM_VELOCITY_POSES:]
-        middle = last[NUM_VELOCITY_POSES // 2]
-        middle.velocity = velocity_at(last, NUM_VELOCITY_POSES // 2)
-        return middle
-
-    def _forget_all_but(self, keyframe_stamps_s: set[float]) -> None:
-        recent_stamps_s = {view.stamp_s for view in self._recent}
-        for stamp_s in self._by_stamp.keys() - recent_stamps_s - keyframe_stamps_s:
-            del self._by_stamp[stamp_s]
+        poses, middle = [(each.stamp_s, each.T_world_camera) for each in recent], len(recent) // 2
+        for at in range(0 if is_begin else middle, middle + 1):
+            recent[at].poses, recent[at].at = poses, at
+        return recent[middle]
 
 
-def velocity_at(views: Sequence[TrackedView], at: int) -> Array:
-    """(6,) velocity of the camera at one of several views, in its own axes."""
-    T_world_cameras = np.array([view.T_world_camera for view in views])
-    times_s = np.array([view.stamp_s for view in views]) - views[at].stamp_s
-    return _fit_velocity(T_world_cameras, times_s, at)
+def velocity_at(poses: list[Pose], at: int) -> Array:
+    """(6,) velocity of the camera at one of several poses, in its own axes."""
+    stamps_s, T_world_cameras = zip(*poses, strict=True)
+    return _fit_velocity(np.array(T_world_cameras), np.array(stamps_s) - stamps_s[at], at)
 
 
 @kernel

@@ -4,13 +4,12 @@ import numpy as np
 import pytest
 
 from drivers.core.geometry import Array
-from vo_service.odometry.direct.calibration import CalibrationFilter, CalibrationPrior
+from vo_service.odometry.direct.calibration import CalibrationFilter
 from vo_service.odometry.direct.calibration_equations import FOCAL, TIMING
 from vo_service.odometry.direct.parameters import (
     FOCAL_PRIOR_SIGMA,
     INITIAL_VIEW_ERROR,
     KEYFRAME_CALIBRATION_SIGMAS,
-    MIN_CALIBRATION_VIEWS,
 )
 
 TRUE = np.array([0.020, 0.008])
@@ -45,12 +44,10 @@ def add(
             learned.compare(lambda calibration: misfit(calibration, fitting))
 
 
-def filter_of(
-    sigmas_s: tuple[float, float], focal: float = 0.0, source: str = "intrinsics"
-) -> CalibrationFilter:
+def filter_of(sigmas_s: tuple[float, float], focal: float = 0.0) -> CalibrationFilter:
     sigmas = np.array([*sigmas_s, FOCAL_PRIOR_SIGMA])
     unlearned = np.array([0.0, 0.0, focal])
-    return CalibrationFilter(CalibrationPrior(unlearned, sigmas, unlearned, source))
+    return CalibrationFilter(unlearned, sigmas, unlearned)
 
 
 def learn(view: Array, count: int = 80, best: Array | None = None) -> Array:
@@ -74,29 +71,22 @@ def test_a_focal_length_that_no_longer_fits_better_is_taken_back() -> None:
     add(learned, 160, view_of(np.zeros(2), 0.03))
     assert learned.in_use[FOCAL] > 0.02
     add(learned, 40, view_of(np.zeros(2), 0.03), first_keyframe=100.0, best=np.zeros(3))
-    assert (learned.in_use[FOCAL], learned.focal_source) == (0.0, "intrinsics")
+    assert (learned.in_use[FOCAL], learned.is_focal_learned) == (0.0, False)
     assert learned.focal_trial.is_refused
 
 
 def test_a_timing_that_was_found_by_the_fit_of_frames_is_used_at_once() -> None:
-    found = CalibrationPrior(np.append(TRUE, 0.0), np.array([0.006, 0.004, 0.02]), np.zeros(3))
-    learned = CalibrationFilter(found)
+    sigmas = np.array([0.006, 0.004, 0.02])
+    learned = CalibrationFilter(np.append(TRUE, 0.0), sigmas, np.zeros(3))
     assert learned.timing_trial.is_accepted
-    for _ in range(MIN_CALIBRATION_VIEWS):
-        learned.add(0.0, view_of(TRUE + 0.004))
+    for keyframe in range(3):
+        learned.add(keyframe, view_of(TRUE + 0.006))
     assert (learned.in_use[TIMING] > TRUE).all()
 
 
 def test_views_that_agree_are_believed() -> None:
     np.testing.assert_allclose(learn(view_of(TRUE, 0.03)), [*TRUE, 0.03], atol=0.007)
     np.testing.assert_allclose(learn(view_of(TRUE, 0.03))[TIMING], TRUE, atol=0.001)
-
-
-def test_a_few_views_are_not_used() -> None:
-    learned = filter_of(WIDE)
-    add(learned, MIN_CALIBRATION_VIEWS - 1, view_of(TRUE))
-    assert not learned.is_certain
-    assert (learned.in_use == 0.0).all()
 
 
 def test_the_views_of_one_keyframe_share_an_error() -> None:
@@ -171,7 +161,7 @@ def test_views_without_information_change_nothing() -> None:
 def test_a_right_focal_length_stays_exactly_unchanged() -> None:
     learned = filter_of(NARROW)
     add(learned, 160, view_of(np.zeros(2), 0.002, -0.004))
-    assert (learned.in_use[FOCAL], learned.focal_source) == (0.0, "intrinsics")
+    assert (learned.in_use[FOCAL], learned.is_focal_learned) == (0.0, False)
 
 
 def test_the_views_of_two_keyframes_are_not_enough_for_a_focal_length() -> None:
@@ -181,24 +171,20 @@ def test_the_views_of_two_keyframes_are_not_enough_for_a_focal_length() -> None:
     assert learned.disagreement is None
 
 
-def test_brightness_is_not_believed_where_depth_disagrees_more() -> None:
+def test_depth_that_disagrees_with_brightness_gives_no_focal_length() -> None:
     learned = filter_of(NARROW)
-    add(learned, 160, view_of(np.zeros(2), 0.018, -0.051))
+    add(learned, 160, view_of(np.zeros(2), 0.0, -0.051))
     assert learned.in_use[FOCAL] == 0.0
     assert learned.disagreement == pytest.approx(-0.051, abs=0.002)
 
 
-def test_brightness_is_believed_where_it_is_clearly_further_away() -> None:
-    assert abs(learn(view_of(np.zeros(2), 0.04, -0.05), count=160)[FOCAL] - 0.04) < 0.01
-
-
 def test_a_remembered_focal_length_is_used_until_another_is_learned() -> None:
-    learned = filter_of(NARROW, 0.03, "memory")
+    learned = filter_of(NARROW, 0.03)
     add(learned, 160, view_of(np.zeros(2), 0.031))
-    assert (learned.in_use[FOCAL], learned.focal_source) == (0.03, "memory")
+    assert (learned.in_use[FOCAL], learned.is_focal_learned) == (0.03, False)
     add(learned, 480, view_of(np.zeros(2), -0.01), first_keyframe=1000.0)
     assert learned.in_use[FOCAL] < 0.01
-    assert learned.focal_source == "learned"
+    assert learned.is_focal_learned
 
 
 def test_views_that_scatter_more_count_less() -> None:

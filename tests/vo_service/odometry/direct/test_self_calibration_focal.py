@@ -2,17 +2,13 @@
 
 from dataclasses import replace
 from functools import cache
-from typing import Any
 
 import numpy as np
 import pytest
 
 from drivers.camera import FocalPrior, RgbdFrame, TimingPrior, TimingSource
-from drivers.core.geometry import Array
 from tests.vo_service.odometry.direct.rolling_shutter_views import add_noise, render_view
 from tests.vo_service.odometry.direct.swinging_camera import SwingingCamera
-from vo_service.odometry.direct import self_calibration
-from vo_service.odometry.direct.calibration_equations import measure_calibration
 from vo_service.odometry.direct.motion import se3_log
 from vo_service.odometry.direct.odometry import DirectOdometry
 from vo_service.odometry.direct.self_calibration import SelfCalibratingOdometry
@@ -98,25 +94,6 @@ def test_what_an_earlier_run_has_learned_is_used_from_the_first_frame() -> None:
     assert first.sigma == 0.01
     last = last_focal_length([odometry.estimate(frame) for frame in frames[1:]])
     assert abs(last.scale * 0.96 - 1.0) < 0.015
-
-
-def test_once_it_is_known_every_third_view_is_used(monkeypatch: pytest.MonkeyPatch) -> None:
-    used: list[object] = []
-
-    def measure(*arguments: Any) -> Array:
-        used.append(arguments)
-        return measure_calibration(*arguments)
-
-    monkeypatch.setattr(self_calibration, "measure_calibration", measure)
-    counts = []
-    for sigma in (0.02, 0.005):
-        used.clear()
-        odometry = SelfCalibratingOdometry(DirectOdometry())
-        for frame in swinging_frames()[:31]:
-            odometry.estimate(replace(frame, focal_prior=FocalPrior(1.0, sigma)))
-        counts.append(len(used))
-    unknown, known = counts
-    assert 0 < known <= unknown // 2
 
 
 def test_exact_frames_are_not_learned_from() -> None:

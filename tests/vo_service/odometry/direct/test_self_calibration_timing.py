@@ -19,7 +19,6 @@ from tests.vo_service.odometry.direct.swinging_camera import (
     swinging_frames,
 )
 from vo_service.odometry.direct.odometry import DirectOdometry
-from vo_service.odometry.direct.parameters import MAX_KEYFRAME_TIMING_ERRORS_S
 from vo_service.odometry.direct.self_calibration import SelfCalibratingOdometry
 from vo_service.odometry.registry import make_odometry
 from vo_service.types.estimate import Estimate, OnlineTiming
@@ -153,7 +152,7 @@ def learn_from_a_wrong_value() -> tuple[
     return odometry, estimates, readouts_s
 
 
-def test_the_active_keyframe_is_rebuilt_with_the_timing_in_use() -> None:
+def test_the_active_keyframe_is_corrected_by_the_timing_in_use() -> None:
     odometry, estimates, readouts_s = learn_from_a_wrong_value()
     active, timing = odometry.tracker.active_keyframe, last_timing(estimates)
     assert active is not None
@@ -161,17 +160,12 @@ def test_the_active_keyframe_is_rebuilt_with_the_timing_in_use() -> None:
     assert abs(active.images.shutter.readout_s - timing.readout_s) < 0.002
 
 
-def test_keyframes_whose_timing_is_far_off_are_forgotten() -> None:
-    odometry, estimates, readouts_s = learn_from_a_wrong_value()
+def test_all_keyframes_have_the_timing_in_use() -> None:
+    odometry, estimates, _ = learn_from_a_wrong_value()
     timing = last_timing(estimates)
-    kept = [keyframe.images for keyframe in odometry.tracker.keyframes]
-    assert len(kept) < len(readouts_s)
-    for images in kept:
-        off_s = (
-            images.shutter.readout_s - timing.readout_s,
-            images.shutter.skew_s - timing.depth_offset_s,
-        )
-        assert (np.abs(off_s) <= MAX_KEYFRAME_TIMING_ERRORS_S).all()
+    for keyframe in odometry.tracker.keyframes:
+        assert abs(keyframe.images.shutter.readout_s - timing.readout_s) < 1e-9
+        assert abs(keyframe.images.shutter.skew_s - timing.depth_offset_s) < 1e-9
 
 
 def test_the_motion_relative_to_the_reference_is_continuous_over_the_search() -> None:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from drivers.core.geometry import Array, rigid_transform
+from vo_service.odometry.direct.image_pyramid import ImageTiming
 from vo_service.odometry.direct.view_history import TrackedView, ViewHistory
 
 SPEED_M_S = 0.3
@@ -12,7 +13,7 @@ VELOCITY = np.array([SPEED_M_S, 0.0, 0.0, 0.0, 0.0, 0.0])
 
 def view_at(stamp_s: float) -> TrackedView:
     T_world_camera = rigid_transform(np.eye(3), [SPEED_M_S * stamp_s, 0.0, 0.0])
-    return TrackedView(stamp_s, np.zeros(2), np.zeros(3), T_world_camera)
+    return TrackedView(stamp_s, ImageTiming(0.0, 0.0), np.zeros(3), T_world_camera)
 
 
 def add_views(history: ViewHistory, stamps_s: list[float]) -> list[Array]:

@@ -54,10 +54,14 @@ ABLATIONS: Mapping[str, Changes] = {
     "no-observability-after-a-gap": {"MIN_DISTANT_OBSERVABILITY": 0},
     "no-focal-length": {"FOCAL_PRIOR_SIGMA": 1e-6},
     "no-calibration-trial": {"MIN_TRIAL_GAIN": -NO_LIMIT},
-    "no-timing-search": {"MIN_SEARCH_SCORE_GAIN": NO_LIMIT},
+    "no-timing-search": {
+        "MIN_SEARCH_SCORE_GAIN": NO_LIMIT,
+        "SUFFICIENT_SEARCH_SCORE_GAIN": NO_LIMIT,
+    },
     "no-self-calibration": {
         "MIN_CALIBRATION_SPEED": NO_LIMIT,
         "MIN_SEARCH_SCORE_GAIN": NO_LIMIT,
+        "SUFFICIENT_SEARCH_SCORE_GAIN": NO_LIMIT,
     },
 }
 ABLATION_TABLE = Table(44, "runs:6d", "ATE:9.2f", "/ unchanged:13", "noise:13", "lost:8")

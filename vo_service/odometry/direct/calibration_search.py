@@ -11,14 +11,13 @@ import numpy as np
 
 from drivers.core.geometry import Array
 from vo_service.odometry.direct.alignment import align, uniform_weights
-from vo_service.odometry.direct.image_pyramid import ImagePyramid
-from vo_service.odometry.direct.keyframe import DirectKeyframe
+from vo_service.odometry.direct.image_pyramid import CELL_COLUMNS, CELL_ROWS, ImagePyramid
+from vo_service.odometry.direct.keyframe import DirectKeyframe, make_keyframe
 from vo_service.odometry.direct.keyframe_correction import (
-    SPARSE_STRIDE,
-    correct_keyframe,
     correct_shutter,
 )
-from vo_service.odometry.direct.motion import constant_velocity_motion, se3_log, zero_motion
+from vo_service.odometry.direct.keyframe_selection import rebuild_first_keyframe
+from vo_service.odometry.direct.motion import zero_motion
 from vo_service.odometry.direct.motion_state import MotionState
 from vo_service.odometry.direct.parameters import (
     MAX_CALIBRATION_SIGMAS,
@@ -26,9 +25,15 @@ from vo_service.odometry.direct.parameters import (
     NUM_SEARCHED_FRAMES,
     SEARCH_SCORE_SCALE,
     SEARCH_STEPS_S,
+    SUFFICIENT_SEARCH_SCORE_GAIN,
 )
 from vo_service.odometry.direct.quality import TrackingResult, rejection_reason
 from vo_service.odometry.direct.view_history import NUM_VELOCITY_POSES, Pose, velocity_at
+
+# A quarter of the cells, spread over the image: a tracker of the search takes its points from them.
+SEARCHED_CELLS = np.array(
+    [(row * 2 + column) % 4 == 0 for row in range(CELL_ROWS) for column in range(CELL_COLUMNS)]
+)
 
 
 class TimingHypothesis:
@@ -44,10 +49,12 @@ class TimingHypothesis:
     """
 
     def __init__(self, correction: Array, keyframe: DirectKeyframe) -> None:
+        images = replace(
+            keyframe.images, shutter=correct_shutter(keyframe.images.shutter, correction)
+        )
         self.correction = correction
-        self._first = keyframe
-        self._keyframe = self._correct_first(zero_motion())
-        self.motion_state = MotionState.at_rest(keyframe.T_world_keyframe, self._keyframe.images)
+        self._keyframe = replace(keyframe, images=images)
+        self.motion_state = MotionState.at_rest(keyframe.T_world_keyframe, images)
         self.scores: list[float] = []
         self.poses: list[Pose] = [(keyframe.images.stamp_s, keyframe.T_world_keyframe)]
 
@@ -64,11 +71,8 @@ class TimingHypothesis:
             self.scores.append(0.0)
             return
         if len(self.poses) == 1:
-            # Now the velocity of the first frame is known.
-            moved = np.linalg.inv(self._first.T_world_keyframe) @ result.T_world_camera
-            velocity = se3_log(moved) * result.prior.rate_hz
-            self._keyframe = self._correct_first(constant_velocity_motion(velocity))
-            result = self._align(images)
+            result = rebuild_first_keyframe(result, images, self.motion_state, SEARCHED_CELLS)
+            self._keyframe = result.keyframe
         state = self.motion_state
         self.motion_state = state.advance(
             result.T_world_camera,
@@ -80,11 +84,6 @@ class TimingHypothesis:
         )
         self.scores.append(result.negative_log_likelihood)
         self.poses.append((images.stamp_s, result.T_world_camera))
-
-    def _correct_first(self, motion: Array) -> DirectKeyframe:
-        images = self._first.images
-        shutter = correct_shutter(images.shutter, self.correction)
-        return correct_keyframe(self._first, images.camera, shutter, motion, SPARSE_STRIDE)
 
     def _align(self, images: ImagePyramid) -> TrackingResult:
         keyframe, state = self._keyframe, self.motion_state
@@ -126,7 +125,8 @@ class TimingSearchResult:
     @property
     def is_last(self) -> bool:
         """Whether no more frames are needed."""
-        return self.is_clear or self.count >= NUM_SEARCHED_FRAMES - 1
+        is_sufficient = self.score_gain > SUFFICIENT_SEARCH_SCORE_GAIN
+        return is_sufficient or self.count >= NUM_SEARCHED_FRAMES - 1
 
 
 def needs_search(sigmas_s: Array) -> bool:
@@ -148,15 +148,32 @@ class TimingSearch:
 
     def __init__(self, sigmas_s: Array, keyframe: DirectKeyframe) -> None:
         self._sigmas_s, self.keyframe = sigmas_s, keyframe
+        self._frames: list[ImagePyramid] = []
+        # Of a camera at rest it is the same for each timing.
+        self._sparse = make_keyframe(
+            keyframe.frame,
+            keyframe.images,
+            keyframe.T_world_keyframe,
+            zero_motion(),
+            SEARCHED_CELLS,
+        )
         self.hypotheses = [
-            TimingHypothesis(correction, keyframe)
+            TimingHypothesis(correction, self._sparse)
             for correction in _make_corrections(keyframe.images.shutter.readout_s, sigmas_s)
         ]
 
     def add(self, images: ImagePyramid) -> None:
         """Track a frame with each timing."""
+        self._frames.append(images)
         for hypothesis in self.hypotheses:
             hypothesis.track(images)
+
+    def track_with(self, correction: Array) -> TimingHypothesis:
+        """Track the frames so far with another timing (2,)."""
+        hypothesis = TimingHypothesis(correction, self._sparse)
+        for images in self._frames:
+            hypothesis.track(images)
+        return hypothesis
 
     def evaluate(self) -> TimingSearchResult:
         """Return the timing by the frames so far."""

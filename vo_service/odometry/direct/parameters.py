@@ -242,19 +242,20 @@ MIN_CALIBRATION_CHANGES = (0.001, 0.0005, 0.004)
 # all before is forgotten. The frames contradict what they tell if they differ by as much.
 NUM_RECENT_KEYFRAMES = 4
 CALIBRATION_CHANGE_SIGMAS = 3.5
-# A frame of this many is compared with and without what was learned. A learned value is used if the
-# last ones together fit better with it, by this much of the negative log-likelihood each: a needed
-# timing gains 0.2 (redkitchen) to 1 (room_rolling), and of a global shutter (room_desk) it is 0.00
-# +- 0.03.
-TRIAL_INTERVAL = 6
+# Frames are compared with and without what was learned: the first ones, then one of every so many.
+# A learned value is used if the last ones together fit better with it, by this much of the negative
+# log-likelihood each: a needed timing gains 0.2 (redkitchen) to 1 (room_rolling), and of a global
+# shutter (room_desk) it is 0.00 +- 0.03.
+TRIAL_INTERVAL = 12
 NUM_TRIAL_FRAMES = 4
 MIN_TRIAL_GAIN = 0.02
-# The search for the timing takes this many frames.
+# The search for the timing takes at most this many frames.
 NUM_SEARCHED_FRAMES = 8
 # Its steps in readout and delay: three values each.
 SEARCH_STEPS_S = (0.015, 0.008)
 # Difference of the summed logarithms of the residuals' sigmas that halves a timing's weight thrice.
 SEARCH_SCORE_SCALE = 0.5
-# The best timing is used as soon as its score, in that scale, is lower by this much than without a
-# correction.
-MIN_SEARCH_SCORE_GAIN = 3.0
+# The best timing is used if its score, in that scale, is lower by this much than without a
+# correction; before the last frame of the search if it is lower by the second value.
+MIN_SEARCH_SCORE_GAIN = 1.0
+SUFFICIENT_SEARCH_SCORE_GAIN = 4.0

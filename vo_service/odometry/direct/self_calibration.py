@@ -47,7 +47,6 @@ from vo_service.odometry.direct.parameters import (
     FOCAL_PRIOR_SIGMA,
     MAX_POSE_INTERVAL_S,
     MIN_CALIBRATION_SPEED,
-    NUM_TRIAL_FRAMES,
     SCENE_DEPTH_M,
     TRIAL_INTERVAL,
 )
@@ -173,25 +172,27 @@ class SelfCalibratingOdometry:
         if not found.is_last:
             return
         if found.is_clear:
-            self._continue_from(found, self._search.keyframe, told)
+            self._continue_from(found, self._search, told)
         self._is_search_needed = not found.is_clear and not is_fast
         self._search = None
 
     def _continue_from(
-        self, found: TimingSearchResult, first: DirectKeyframe, told: RgbdFrame
+        self, found: TimingSearchResult, search: TimingSearch, told: RgbdFrame
     ) -> None:
-        """Go on with a timing that the search has found, from the pose of the best tracker."""
+        """Go on with a timing that the search has found: its frames are tracked again with it."""
+        first, best = search.keyframe, search.track_with(found.mean)
         self._filter = _make_filter(told, found.mean, found.sigmas_s)
         calibration, images = self._filter.in_use, first.images
-        keyframe = correct_keyframe(
-            first,
-            images.camera,
-            correct_shutter(images.shutter, calibration),
-            constant_velocity_motion(found.best.velocity_of_first),
+        keyframe = make_keyframe(
+            first.frame,
+            replace(images, shutter=correct_shutter(images.shutter, calibration)),
+            first.T_world_keyframe,
+            constant_velocity_motion(best.velocity_of_first),
+            ALL_STATIC,
         )
-        self._tracker.continue_from([keyframe], keyframe, found.best.motion_state)
+        self._tracker.continue_from([keyframe], keyframe, best.motion_state)
         self._history.clear()
-        for stamp_s, T_world_camera in found.best.poses:
+        for stamp_s, T_world_camera in best.poses:
             view = TrackedView(stamp_s, images.shutter, calibration, T_world_camera)
             self._history.add(view, [keyframe])
 
@@ -246,8 +247,7 @@ class SelfCalibratingOdometry:
     def _compare(self, view: TrackedView, tracked: TrackedFrame) -> None:
         """Compare the fit of some frames with and without what was learned."""
         self._untried_count += 1
-        rate = 2 * NUM_TRIAL_FRAMES if self._learned.is_tried else 1
-        if self._untried_count >= rate * TRIAL_INTERVAL:
+        if self._untried_count >= (TRIAL_INTERVAL if self._learned.is_tried else 1):
             self._untried_count = 0
             self._learned.compare(partial(self._misfit, view, tracked))
 

@@ -13,6 +13,7 @@ ROOT = Path(__file__).parents[1]
 SINGLE = {
     "Popen": {
         "drivers/core/process/worker_process.py",
+        "vo_service/odometry/warm_up.py",  # a second compiler, which ends with the first
         "vo_service/outputs/rerun/web_viewer_server.py",  # Rerun's own program, for a moment
     },
     "Process": {
@@ -34,6 +35,8 @@ SINGLE = {
         "vo_service/client/subscription.py",  # base of both clients
     },
     "setitimer": {"drivers/core/process/service_connection.py"},
+    # The motion that most matched points agree with; the wrapper and a rival of that motion.
+    "find_consensus": {"vo_service/odometry/features/verification.py"},
     "TokenBucket": {  # users of the one rate limiter
         "vo_service/outputs/zenoh/session_endpoints.py",
     },

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import Array
 from drivers.core.jit import kernel
-from vo_service.odometry.direct.image_pyramid import ImagePyramid
+from vo_service.odometry.direct.aligner import MovingView
 from vo_service.odometry.direct.motion import (
     constant_velocity_motion,
     propagate_motion,
@@ -247,26 +247,22 @@ class QueryFrame:
     Attributes:
         features: In the camera's axes at the stamp.
         vlad_descriptor: (D,) int8, see `VladVocabulary`.
-        image_pyramid: For the dense alignment.
-        velocity: (6,) twist of the camera in its own axes, m/s and rad/s.
-        velocity_sigma: Of the velocity, m/s and rad/s.
+        view: For the dense alignment.
     """
 
     features: DepthFeatures
     vlad_descriptor: NDArray[np.int8]
-    image_pyramid: ImagePyramid
-    velocity: Array
-    velocity_sigma: tuple[float, float]
+    view: MovingView
 
     @property
     def stamp_s(self) -> float:
         """Stamp of the frame."""
-        return self.image_pyramid.stamp_s
+        return self.view.images.stamp_s
 
     @property
     def camera(self) -> PinholeCamera:
         """Intrinsics of the frame."""
-        return self.image_pyramid.camera
+        return self.view.images.camera
 
 
 class KeyframeDatabase:

@@ -17,7 +17,7 @@ from tests.vo_service.slam.corner_keyframes import (
     make_pose,
     make_query,
 )
-from vo_service.slam import place_recognizer
+from vo_service.odometry.direct import aligner
 from vo_service.slam.keyframe_database import LOST_VELOCITY_SIGMA, MapKeyframe
 from vo_service.slam.place_recognizer import MatchCandidate, PlaceRecognizer
 
@@ -134,7 +134,7 @@ def test_an_alignment_rejected_by_the_odometry_is_not_recognized(
     recognizer: PlaceRecognizer, here: MapKeyframe, monkeypatch: pytest.MonkeyPatch, check: str
 ) -> None:
     view = make_query(recognizer, BESIDE)
-    monkeypatch.setattr(place_recognizer, check, lambda found: "too little texture")
+    monkeypatch.setattr(aligner, check, lambda found: "too little texture")
     assert recognizer.recognize(view, [here]) is None
 
 
@@ -148,7 +148,7 @@ def test_a_large_covariance_is_not_recognized(
 ) -> None:
     view = make_query(recognizer, BESIDE)
     unsure = SimpleNamespace(rejection_reason=rejection, covariance=np.eye(6) * sigma_m**2)
-    monkeypatch.setattr(place_recognizer, "estimate_uncertainty", lambda *given: unsure)
+    monkeypatch.setattr(aligner, "estimate_uncertainty", lambda *given: unsure)
     assert recognizer.recognize(view, [here]) is None
 
 

@@ -120,9 +120,6 @@ FRAME_COVARIANCE_SHARE = 0.1
 MIN_PREDICTION_SHARE = 0.01
 
 # RECOVERY
-# Probability that a feature match agrees with the right motion, and with a wrong one. Brown and
-# Lowe, "Automatic Panoramic Image Stitching using Invariant Features" (IJCV 74, 2007), Section 3.2.
-FEATURE_INLIER_SHARES = (0.2, 0.03)
 # A pose by features confirms that of an alignment if their squared difference, relative to its
 # covariance, is smaller: 99.9 % of the chi-square distribution with six degrees of freedom.
 MAX_SQUARED_POSE_DIFFERENCE = 22.5

@@ -24,7 +24,6 @@ from vo_service.odometry.direct.keyframe import DirectKeyframe, LocalMap
 from vo_service.odometry.direct.motion import se3_log
 from vo_service.odometry.direct.motion_state import MotionState
 from vo_service.odometry.direct.parameters import (
-    FEATURE_INLIER_SHARES,
     MAX_BRIGHTNESS_RATIO,
     MAX_SEARCHED_KEYFRAMES,
     MAX_SQUARED_POSE_DIFFERENCE,
@@ -38,16 +37,10 @@ from vo_service.odometry.direct.quality import (
 from vo_service.odometry.features import verification
 from vo_service.odometry.features.extractor import SurfExtractor
 from vo_service.odometry.features.gray_frame import GrayFrame
-from vo_service.odometry.features.match_verifier import LAST_VIEW_VERIFIER, MatchVerifier
-from vo_service.odometry.features.matching import match_features
+from vo_service.odometry.features.match_verifier import GUESS_VERIFIER, LAST_VIEW_VERIFIER
 from vo_service.odometry.features.parameters import SurfParameters
 from vo_service.odometry.features.points import backproject_features, pair_points
-from vo_service.odometry.features.views import FeatureView, select_pairs_with_depth
-from vo_service.odometry.ransac import find_consensus, refine_rigid_motion
-
-# A match is only the initial guess of an alignment, which verifies it. A rolling shutter distorts
-# the view, so that few of the feature matches agree with any one motion.
-FEATURE_MATCH_VERIFIER = MatchVerifier(*FEATURE_INLIER_SHARES)
+from vo_service.odometry.features.views import FeatureView, match_views
 
 
 @dataclass(frozen=True)
@@ -268,19 +261,13 @@ class FeatureSearch:
     ) -> KeyframeMatch | None:
         """Match a keyframe; None if the features may agree by chance."""
         parameters = self._parameters
-        pairs = match_features(view.features, reference.features, parameters.match_ratio)
-        matches = pair_points(
-            view.points, reference.points, select_pairs_with_depth(view, reference, pairs)
-        )
-        consensus = find_consensus(matches, parameters.max_hypotheses, parameters.seed)
-        motion = refine_rigid_motion(consensus, matches)
-        inliers = int(motion.inlier.sum())
-        if inliers < parameters.min_inliers or not FEATURE_MATCH_VERIFIER.accepts(
-            inliers, len(matches)
-        ):
+        matches = match_views(view, reference, parameters.match_ratio)
+        pairs = pair_points(view.points, reference.points, matches)
+        motion = verification.estimate_motion(pairs, parameters)
+        if not verification.is_beyond_chance(motion, GUESS_VERIFIER, parameters):
             return None
         T_camera_keyframe = inverse(motion.T_reference_camera)
         if verification.rejection_reason(view, reference, motion, LAST_VIEW_VERIFIER, parameters):
             return KeyframeMatch(keyframe, T_camera_keyframe, None)
-        motion = verification.cover_doubt(motion, matches, parameters)
+        motion = verification.cover_doubt(motion, pairs, parameters)
         return KeyframeMatch(keyframe, T_camera_keyframe, motion.covariance)

@@ -1,4 +1,4 @@
-"""Verification of a motion by matched features: it is rejected, or its covariance covers the doubt.
+"""Motion by matched features, and its verification: rejection, or a covariance that covers doubt.
 
 A motion is rejected if its matches may agree by chance, or if they are a minority that contradicts
 the depth images. It is in doubt if its inliers do not represent the matches: half of all matches
@@ -16,6 +16,7 @@ from vo_service.odometry.features.parameters import SurfParameters
 from vo_service.odometry.features.points import PointPairs
 from vo_service.odometry.features.views import FeatureView
 from vo_service.odometry.ransac import RigidMotionEstimate, find_consensus, refine_rigid_motion
+from vo_service.types.odometry import NullStageTimer, StageTimer
 
 # Of a covariance: an error beyond so many standard deviations is not expected.
 MAX_SIGMAS = 3.0
@@ -23,6 +24,37 @@ MAX_SIGMAS = 3.0
 MIN_RIVAL_SHARE = 0.5
 # Enough to find a motion that a third of the pairs agree with.
 RIVAL_HYPOTHESES = 100
+
+
+def estimate_motion(
+    pairs: PointPairs, parameters: SurfParameters, timer: StageTimer | None = None
+) -> RigidMotionEstimate:
+    """Estimate the motion that most pairs agree with, by RANSAC, and refine it by all of these.
+
+    Args:
+        pairs: Points of matched features.
+        parameters: Of the search.
+        timer: Times the stages "ransac" and "svd"; not timed if None.
+    """
+    timer = timer or NullStageTimer()
+    with timer.stage("ransac"):
+        consensus = find_consensus(pairs, parameters.max_hypotheses, parameters.seed)
+    with timer.stage("svd"):
+        return refine_rigid_motion(consensus, pairs)
+
+
+def is_beyond_chance(
+    motion: RigidMotionEstimate, verifier: MatchVerifier, parameters: SurfParameters
+) -> bool:
+    """Whether more matches agree with a motion than by chance.
+
+    Args:
+        motion: The motion; `inlier` has an entry for each match.
+        verifier: For matches of this kind.
+        parameters: Limits.
+    """
+    inliers = int(motion.inlier.sum())
+    return inliers >= parameters.min_inliers and verifier.accepts(inliers, len(motion.inlier))
 
 
 def cover_doubt(
@@ -93,7 +125,7 @@ def rejection_reason(
         parameters: Limits.
     """
     inliers, matches = int(motion.inlier.sum()), len(motion.inlier)
-    if inliers < parameters.min_inliers or not verifier.accepts(inliers, matches):
+    if not is_beyond_chance(motion, verifier, parameters):
         return f"only {inliers} of {matches} matches agree: may be chance"
     if 2 * inliers >= matches:
         return ""

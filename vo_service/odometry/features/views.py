@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from drivers.camera import PinholeCamera
 from vo_service.odometry.depth_grid import NO_DEPTH, DepthGrid
 from vo_service.odometry.features.extractor import Features
+from vo_service.odometry.features.matching import match_features
 from vo_service.odometry.features.points import FeaturePoints
 from vo_service.types.estimate import TrackingDebug
 
@@ -42,6 +43,18 @@ def select_pairs_with_depth(
         pairs: (M, 2) indices of features of both.
     """
     return pairs[view.points.has_depth[pairs[:, 0]] & reference.points.has_depth[pairs[:, 1]]]
+
+
+def match_views(view: FeatureView, reference: FeatureView, max_ratio: float) -> NDArray[np.int64]:
+    """Match the features of a view and its reference: pairs (M, 2) that both have depth.
+
+    Args:
+        view: The view.
+        reference: The reference.
+        max_ratio: See `match_features`.
+    """
+    pairs = match_features(view.features, reference.features, max_ratio)
+    return select_pairs_with_depth(view, reference, pairs)
 
 
 def make_tracking_debug(

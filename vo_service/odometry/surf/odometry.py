@@ -6,23 +6,25 @@ Fontes and Maia, "Visual odometry for moving RGB-D cameras", Section III.
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array
 from vo_service.odometry.depth_grid import DepthGrid
 from vo_service.odometry.features.extractor import FeatureExtractor, SurfExtractor
 from vo_service.odometry.features.match_verifier import LAST_VIEW_VERIFIER
-from vo_service.odometry.features.matching import match_features
 from vo_service.odometry.features.parameters import SurfParameters
 from vo_service.odometry.features.points import backproject_features, pair_points
-from vo_service.odometry.features.verification import cover_doubt, doubt_reason, rejection_reason
+from vo_service.odometry.features.verification import (
+    cover_doubt,
+    doubt_reason,
+    estimate_motion,
+    rejection_reason,
+)
 from vo_service.odometry.features.views import (
     FeatureView,
     make_tracking_debug,
-    select_pairs_with_depth,
+    match_views,
 )
-from vo_service.odometry.ransac import find_consensus, refine_rigid_motion
 from vo_service.odometry.surf.recovery import RecoveredPose, SurfRecovery
 from vo_service.types.estimate import Estimate, TrackingDebug
 from vo_service.types.odometry import NullStageTimer, StageTimer
@@ -76,13 +78,10 @@ class SurfOdometry:
         if self._reference is None:
             return self._start(view, is_reset=False)
         with self._timer.stage("match"):
-            matches = self._match(view, self._reference)
+            matches = match_views(view, self._reference, self._parameters.match_ratio)
             pairs = pair_points(view.points, self._reference.points, matches)
-        with self._timer.stage("ransac"):
-            parameters = self._parameters
-            consensus = find_consensus(pairs, parameters.max_hypotheses, parameters.seed)
-        with self._timer.stage("svd"):
-            motion = refine_rigid_motion(consensus, pairs)
+        parameters = self._parameters
+        motion = estimate_motion(pairs, parameters, self._timer)
         debug = make_tracking_debug(view, self._reference, matches, motion.inlier)
         with self._timer.stage("verify"):
             rejection = rejection_reason(
@@ -96,11 +95,6 @@ class SurfOdometry:
             view,
             RecoveredPose(T_world_camera, motion.T_reference_camera, motion.covariance, debug),
         )
-
-    def _match(self, view: FeatureView, reference: FeatureView) -> NDArray[np.int64]:
-        """Match features: pairs (M, 2) that both have depth."""
-        pairs = match_features(view.features, reference.features, self._parameters.match_ratio)
-        return select_pairs_with_depth(view, reference, pairs)
 
     def _start(self, view: FeatureView, is_reset: bool) -> Estimate:
         """Make this view the first of a chain, if it has enough points with depth."""

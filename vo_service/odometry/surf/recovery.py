@@ -13,17 +13,17 @@ from drivers.core.geometry import Array, inverse, transform_points, transport_co
 from drivers.core.jit import inline_kernel, kernel
 from vo_service.odometry.features.extractor import Features
 from vo_service.odometry.features.match_verifier import LAST_VIEW_VERIFIER, MatchVerifier
-from vo_service.odometry.features.matching import match_features
 from vo_service.odometry.features.parameters import SurfParameters
 from vo_service.odometry.features.points import pair_points
-from vo_service.odometry.features.verification import cover_doubt, rejection_reason
+from vo_service.odometry.features.verification import cover_doubt, estimate_motion, rejection_reason
 from vo_service.odometry.features.views import (
     FeatureView,
     make_tracking_debug,
+    match_views,
     select_pairs_with_depth,
 )
 from vo_service.odometry.motion_model import ConstantVelocityModel, MotionPrediction
-from vo_service.odometry.ransac import RigidMotionEstimate, find_consensus, refine_rigid_motion
+from vo_service.odometry.ransac import RigidMotionEstimate
 from vo_service.types.estimate import TrackingDebug
 
 # The second nearest descriptor in the search radius is further by 1/RATIO.
@@ -334,10 +334,7 @@ class SurfRecovery:
         if not older_views:
             return None
         older_view = older_views[turn % len(older_views)]
-        pairs = match_features(
-            view.features, older_view.view.features, self._parameters.match_ratio
-        )
-        matches = select_pairs_with_depth(view, older_view.view, pairs)
+        matches = match_views(view, older_view.view, self._parameters.match_ratio)
         motion = self._estimate_motion(view, older_view.view, matches)
         if rejection_reason(view, older_view.view, motion, OLDER_VIEW_VERIFIER, self._parameters):
             return None
@@ -355,5 +352,4 @@ class SurfRecovery:
         self, view: FeatureView, reference: FeatureView, matches: NDArray[np.int64]
     ) -> RigidMotionEstimate:
         pairs = pair_points(view.points, reference.points, matches)
-        consensus = find_consensus(pairs, self._parameters.max_hypotheses, self._parameters.seed)
-        return cover_doubt(refine_rigid_motion(consensus, pairs), pairs, self._parameters)
+        return cover_doubt(estimate_motion(pairs, self._parameters), pairs, self._parameters)

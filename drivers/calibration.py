@@ -226,7 +226,6 @@ def find_calibration(
     folder's name contains.
 
     Args:
-        folder: Folder of the recording.
         camera_file: Camera file; None for the recording's own.
         default: The camera of the folder's layout.
 
@@ -263,7 +262,6 @@ def read_calibration(path: Path, depth_factor: float | None = None) -> CameraCal
     """Read a camera file: TOML, or the YAML of OpenCV, ROS or ORB-SLAM.
 
     Args:
-        path: The file.
         depth_factor: Depth image value of one meter, if a file in YAML does not tell it. None
             assumes millimeters, with a warning in the log.
 

@@ -17,7 +17,6 @@ def split_at_jumps(stamps_us: Sequence[int], jump_cost: int = MAX_STALE_FRAMES) 
 
     Args:
         stamps_us: Stamps in the order of recording, microseconds.
-        jump_cost: See above.
 
     Returns:
         Indices of the images of each run, in order.

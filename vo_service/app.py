@@ -291,10 +291,7 @@ def run_replay(
 
     Args:
         config: The configuration.
-        camera: The open camera, for the status.
-        frame_source: Its frames.
         outputs: Take updates and the status.
-        stop: Ends the run early.
         loop_closure: Corrects the transform from map to odom.
     """
     service = _build_replay_service(config, camera, frame_source, outputs, loop_closure)
@@ -410,9 +407,7 @@ def make_config_handlers(
     """Make the handler of each reloadable key. They run on the loop's thread.
 
     Args:
-        camera: Takes LED and tilt.
         odometry: Takes the number of features, if its method has features.
-        load_shedder: Takes the settings of load shedding.
         dependencies: Recorder, mapper and commands.
     """
 

@@ -158,8 +158,6 @@ class Control:
         """Connect the parts that commands control.
 
         Args:
-            odom_frame: Takes resets.
-            camera: Takes tilt and LED.
             command_queue: Source of the commands; None: there are no commands.
             recorder: Takes recordings and incidents; None: these commands fail.
             mapper: Saves and loads maps; None: these commands fail.

@@ -90,9 +90,6 @@ def write_frame(
     """Copy a frame into the ring.
 
     Args:
-        ring: The ring.
-        update: The update with the frame.
-        pack: Packs the depth image.
         extra: Further data for the metadata; it is pickled.
 
     Raises:
@@ -118,7 +115,6 @@ def decode_frame(record: RingRecord, clock_offset_s: float) -> RgbdFrame:
     """Decode the frame of a record, bit for bit.
 
     Args:
-        record: The record.
         clock_offset_s: Added to the stamp, s. Use one offset for all frames of a folder: published
             stamps are not continuous after the clock was set.
     """

@@ -14,12 +14,7 @@ from vo_service.slam.mapper.worker import run_mapper
 
 
 def fuse_keyframes(keyframes: Iterable[MeshKeyframe], config: MapConfig) -> FusedMesh:
-    """Fuse the depth and color of keyframes into a mesh.
-
-    Args:
-        keyframes: The keyframes, with their poses.
-        config: Voxel size and memory limit.
-    """
+    """Fuse the depth and color of keyframes into a mesh."""
     # Imported here: only the process that makes a mesh needs the memory of these kernels.
     from vo_service.reconstruction.mesh import write_ply
     from vo_service.reconstruction.tsdf_volume import TsdfVolume

@@ -87,10 +87,6 @@ class Service:
         """Connect the parts.
 
         Args:
-            service_input: Camera, frames and clock.
-            method: The odometry method.
-            odom_frame: Turns estimates into updates.
-            control: Handles commands between two frames.
             outputs: Take updates and the status.
             load_shedder: Pauses the viewers if the machine is too slow; None for a replay.
             warning_sources: Whose warnings, beside those of the outputs, are in the status.
@@ -316,7 +312,6 @@ class ServiceStatistics:
         """Add one frame.
 
         Args:
-            update: The update of the frame.
             cpu_ms: CPU time of the odometry for it, ms.
         """
         self.frames += 1

@@ -151,7 +151,6 @@ def force_exit_after(stop: StopSignal, timeout_s: float) -> Iterator[None]:
     """End the process by force if the block does not end in time after a stop request.
 
     Args:
-        stop: The stop request.
         timeout_s: Time that the block has to end, s.
     """
     is_over = threading.Event()
@@ -204,8 +203,6 @@ def run_on_loop_thread(
 
     Args:
         work: The work; it ends soon after its event is set.
-        stop: Stop request.
-        reload_signal: Reload request.
         on_reload: Called on the caller's thread for each reload request.
     """
     loop = _LoopThread(work, stop.event)

@@ -167,11 +167,7 @@ _logger.setLevel(logging.INFO)
 
 
 def one_line(text: str) -> str:
-    """Replace line ends and other control characters, which names of files may have, by spaces.
-
-    Args:
-        text: A message.
-    """
+    """Replace line ends and other control characters, which names of files may have, by spaces."""
     return re.sub(r"[\x00-\x1f\x7f-\x9f]+", " ", text)
 
 
@@ -183,11 +179,7 @@ def announce(text: str) -> None:
 
 @contextmanager
 def announce_if_slow(label: str) -> Iterator[None]:
-    """Log a line if the block is slow, and another when it has ended without an exception.
-
-    Args:
-        label: Text of both lines.
-    """
+    """Log a line if the block is slow, and another when it has ended without an exception."""
     begin_s = time.monotonic()
     was_announced = threading.Event()
 
@@ -211,7 +203,6 @@ def make_console(stream: TextIO, width: int | None = None) -> "Console":
     """Make rich's console of a stream. It has colors on a terminal, unless NO_COLOR is set.
 
     Args:
-        stream: Where it writes.
         width: Columns; None: those of the terminal.
     """
     from rich.console import Console
@@ -269,8 +260,6 @@ class Terminal:
         """Replace the line by a count, at most ten times a second. A log gets a line now and then.
 
         Args:
-            label: What is counted.
-            done: Count so far.
             total: Count at the end; None: unknown.
         """
         if self._is_due(done == total):
@@ -283,7 +272,6 @@ class Terminal:
         """Replace the line by received bytes and their rate, at most ten times a second.
 
         Args:
-            label: What is received.
             done: Bytes so far. Those at the first call do not count for the rate.
             total: Bytes at the end; None: unknown.
         """

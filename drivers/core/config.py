@@ -303,7 +303,6 @@ def _header_path(header: Any, list_lengths: dict[KeyPath, int]) -> KeyPath:
     """Return a table's path from its parsed header, which nests exactly one key per level.
 
     Args:
-        header: The parsed header.
         list_lengths: Number of tables in each list so far; a new one is counted.
     """
     path: KeyPath = ()
@@ -338,8 +337,6 @@ def read_toml(path: Path, kind: type[T], check: Callable[[T], None] = _accept) -
     """Read a file into the dataclass `kind`. A Path is kept as it is written in the file.
 
     Args:
-        path: The file.
-        kind: The dataclass.
         check: A further check, which raises a FieldError.
 
     Raises:
@@ -359,7 +356,6 @@ def parse_toml(text: str, name: str, kind: type[T], check: Callable[[T], None] =
     Args:
         text: The file's content.
         name: Name of the file, for errors.
-        kind: The dataclass.
         check: Is called with the result; raises a FieldError for values that make no sense.
     """
     try:

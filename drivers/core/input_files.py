@@ -42,7 +42,6 @@ def read_input_text(path: Path, advice: str, max_bytes: int = sys.maxsize) -> st
     """Read a text file in UTF-8, or in UTF-16 with a byte order mark, with newlines as line ends.
 
     Args:
-        path: The file.
         advice: End of an error message: what to do.
         max_bytes: Longest file, so that a recording that is named by mistake is not loaded.
 

@@ -27,7 +27,6 @@ def lazy_imports(
     """Make a package's `__getattr__`, `__dir__` and `__all__`.
 
     Args:
-        package: Name of the package.
         init_file: Its `__init__.py`; the names are in the `__init__.pyi` beside it.
     """
     modules = read_lazy_imports(Path(init_file).with_suffix(".pyi"))

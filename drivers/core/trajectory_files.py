@@ -60,7 +60,6 @@ def read_trajectory_file(path: Path, frames_s: Array | None = None) -> Trajector
     """Read a trajectory in any of the formats above.
 
     Args:
-        path: The file.
         frames_s: (F,) stamps of the recording's frames, for formats without stamps; None = 30 Hz.
 
     Raises:

@@ -37,7 +37,6 @@ class WriteError(OSError, UserFacingError):
 
         Args:
             path: The file or folder, as the user knows it.
-            error: What the operating system says.
             remark: What became of the data so far.
         """
         cause = error.strerror or str(error)

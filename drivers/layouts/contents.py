@@ -81,7 +81,6 @@ def pair_numbered(
     Args:
         folder: The folder, for the message.
         color: Files of color by their number, at least one.
-        depth: Files of depth by their number.
 
     Raises:
         InputError: No color and no depth image have the same number.

@@ -56,7 +56,6 @@ def open_folder(folder: Path, camera_file: Path | None) -> Recording:
     """Open a folder of images, and load its first frame.
 
     Args:
-        folder: The folder.
         camera_file: Camera file; None for that of the folder, or the layout's camera.
 
     Raises:

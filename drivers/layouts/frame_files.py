@@ -114,7 +114,6 @@ def same_place_depth_camera(
     """Return a depth camera in the place of the color camera; None if it has the same pixels.
 
     Args:
-        camera: The color camera.
         K_depth: (4, 4) intrinsics of the depth camera.
         size: (width, height) of the depth images.
     """

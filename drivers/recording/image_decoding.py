@@ -44,7 +44,6 @@ def decode_color(data: bytes, name: str) -> BgrImage:
     """Decode (height, width, 3) BGR uint8; 16 bits per channel are reduced to 8.
 
     Args:
-        data: The image file.
         name: Its name in error messages.
 
     Raises:

@@ -159,8 +159,6 @@ def render_all(
     """Render the missing frames of a configuration and open the sequence.
 
     Args:
-        config: What is rendered.
-        folder: Where rendered sequences are stored.
         progress: Called about ten times a second.
         threads: Rendering threads; 0 for one per core.
 

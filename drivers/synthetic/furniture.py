@@ -98,7 +98,6 @@ def table(rng: np.random.Generator, wide_m: float, deep_m: float, high_m: float)
     """A table with papers and small objects on it.
 
     Args:
-        rng: Random generator of sizes and prints.
         wide_m: Width along x, m.
         deep_m: Depth along y, m.
         high_m: Height of the top, m.
@@ -134,10 +133,7 @@ def lamp(rng: np.random.Generator, x: float, y: float, z: float, high_m: float) 
     """A pole with a shade, standing at (x, y, z).
 
     Args:
-        rng: Random generator of the colors.
-        x: Foot of the pole, m, in axes of the group.
-        y: The same.
-        z: The same.
+        x, y, z: Foot of the pole, m, in axes of the group.
         high_m: Height of the lamp, m.
     """
     metal, shade = plaster(random_color(rng, 0.2)), fabric(random_color(rng), random_color(rng))

@@ -38,7 +38,6 @@ class SinusoidSum:
         A frequency that is rounded up gets a smaller amplitude, so its speed does not grow.
 
         Args:
-            rng: Generator of the phases.
             duration_s: Each sine has a whole number of periods in it.
             axes: The sines of each of the six axes.
         """

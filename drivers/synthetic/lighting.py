@@ -54,9 +54,6 @@ def compute_face_brightness(solid: Solid, face: int, solids: SolidArrays, lights
     """Compute the brightness (rows, columns) over a face; 1 is full light.
 
     Args:
-        solid: The lit solid.
-        face: Number of its face.
-        solids: All solids, which cast shadows.
         lights: (B, 4) position in the world, m, and power of each light.
     """
     wide, high = solid.face_size_m(face)
@@ -219,9 +216,6 @@ def rotate(M: Array, x: float, y: float, z: float) -> tuple[float, float, float]
 
     Args:
         M: (3, 3) matrix.
-        x: First component.
-        y: Second component.
-        z: Third component.
     """
     return (
         M[0, 0] * x + M[0, 1] * y + M[0, 2] * z,

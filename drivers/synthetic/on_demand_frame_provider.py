@@ -37,7 +37,6 @@ class OnDemandFrameProvider:
 
         Args:
             first: Number of the first frame that is wanted.
-            last: Number of the last one.
             timeout_s: Longest wait, s.
 
         Returns:

@@ -25,12 +25,8 @@ def intersect_box(
     """Return t where o + t d enters the unit cube, or leaves it if `inside`; FAR_M if nowhere.
 
     Args:
-        ox: Origin o of the ray in the unit cube, first component.
-        oy: Second component.
-        oz: Third component.
-        dx: Direction d, first component.
-        dy: Second component.
-        dz: Third component.
+        ox, oy, oz: Origin o of the ray in the unit cube.
+        dx, dy, dz: Direction d.
         inside: Whether the ray starts inside: the cube is the room.
     """
     ix, iy, iz = 1.0 / dx, 1.0 / dy, 1.0 / dz
@@ -50,12 +46,8 @@ def intersect_sphere_or_cylinder(
     """Return t where o + t d first hits the unit sphere or open cylinder; FAR_M if nowhere.
 
     Args:
-        ox: Origin o of the ray in the unit cube, first component.
-        oy: Second component.
-        oz: Third component.
-        dx: Direction d, first component.
-        dy: Second component.
-        dz: Third component.
+        ox, oy, oz: Origin o of the ray in the unit cube.
+        dx, dy, dz: Direction d.
         is_cylinder: Whether the solid is a cylinder along z.
     """
     w = 0.0 if is_cylinder else 1.0
@@ -126,8 +118,6 @@ def prepare_scene(solids: SolidArrays, grid: RayGrid, T_body_camera: Array) -> R
     """Prepare the scene for casting the rays of `grid`.
 
     Args:
-        solids: The solids.
-        grid: The rays.
         T_body_camera: (B, H, 4, 4) pose of each row in each body's frame.
     """
     frames = _unit_frames(solids.to_unit, solids.center_m, solids.body, T_body_camera)
@@ -265,8 +255,7 @@ def cast_ray(
     FAR_M and -1 if it hits none.
 
     Args:
-        x: Ray on the plane z = 1, camera axes.
-        y: The same.
+        x, y: Ray on the plane z = 1, camera axes.
         v: Row of the pixel.
         u: Column of the pixel.
         kind: As in `cast_rays`.
@@ -297,10 +286,7 @@ def in_unit_cube(
     """Origin and direction of the ray (x, y, 1) of row v in the unit cube of solid s.
 
     Args:
-        x: Ray on the plane z = 1, camera axes.
-        y: The same.
-        v: Row of the image.
-        s: Number of the solid.
+        x, y: Ray on the plane z = 1, camera axes.
         frames: (H, S, 3, 4), see `cast_rays`.
     """
     return (

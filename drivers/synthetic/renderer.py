@@ -49,8 +49,6 @@ class RoomModel:
         Moving objects are lit once, for their position halfway, and cast no shadow.
 
         Args:
-            config: Room, motion and textures.
-            motion: Motion of the camera.
             threads: Number of threads that paint the textures.
             folder: Folder for the textures; None: in memory.
         """
@@ -100,8 +98,6 @@ def make_renderer(
     """Build the motion and the room of `config`, and their renderer.
 
     Args:
-        config: What is rendered.
-        threads: Threads that paint the textures.
         folder: Where the textures are stored; see `paint_atlas`.
 
     Raises:

@@ -36,7 +36,6 @@ def make_aliased_corners(
     """Make the solids of both corners.
 
     Args:
-        seed: Seed of the room.
         half_m: Half of the room's size (2,).
         height_m: The room's height.
 
@@ -118,7 +117,6 @@ def build_room(seed: int, clearance_points_m: Array, bare_wall: bool, twin_corne
     """Build a room: its shell, then its furniture.
 
     Args:
-        seed: Seed of the room.
         clearance_points_m: Points (N, 3) that furniture must leave free.
         bare_wall: The wall at +y has neither texture nor furniture.
         twin_corners: The corners at +x +y and -x -y look the same.

@@ -41,7 +41,6 @@ def gain_at(sensor: ColorSensorModel, time_s: float, duration_s: float) -> float
     """Compute the exposure gain at a time; it has whole periods in `duration_s` for looping.
 
     Args:
-        sensor: Gives the drift.
         time_s: Time from the first frame, s.
         duration_s: Length of the sequence, s.
     """
@@ -75,8 +74,6 @@ def expose(
         image: (H, W, 3) float32, 0 to 255.
         gain: Exposure gain; 1 is the mean.
         vignetting: (H, W) relative brightness.
-        sensor: Softness and noise.
-        rng: Random generator of the noise.
     """
     if sensor.softness_px > 0:
         image = cv2.GaussianBlur(image, (0, 0), sensor.softness_px)  # type: ignore[assignment]
@@ -176,7 +173,6 @@ def measure_depth(depth_m: Floats, sensor: DepthSensorModel, rng: np.random.Gene
     Args:
         depth_m: True depth (H, W).
         sensor: The sensor's parameters.
-        rng: Generator of the noise.
 
     Returns:
         Measured depth (H, W) in meters, 0 = no reading.
@@ -292,8 +288,7 @@ def distort(x: float, y: float, k: Array) -> tuple[float, float]:
     """Distort a point by Brown's model; `k` in OpenCV's order: k1 k2 p1 p2 k3.
 
     Args:
-        x: Undistorted point on the plane z = 1.
-        y: The same.
+        x, y: Undistorted point on the plane z = 1.
         k: (5,) k1 k2 p1 p2 k3, the order of OpenCV.
     """
     r2 = x * x + y * y

@@ -94,10 +94,7 @@ def sample_bilinear(
     Args:
         u: Column in pixels of the level.
         w: Row in pixels of the level.
-        s: Number of the solid.
-        face: Number of its face.
         k: Level of the texture's pyramid.
-        texels: Pixels of all textures.
         levels: (S, F, K, 3) first pixel, width and height of each level.
     """
     first, width, height = levels[s, face, k, 0], levels[s, face, k, 1], levels[s, face, k, 2]
@@ -139,7 +136,6 @@ def shade(
         solid: (H, W) index of the solid from `cast_rays`.
         kind: (S,) kind of each solid.
         frames: (H, S, 3, 4), see `cast_rays`.
-        texels: Pixels of all textures.
         levels: (S, F, K, 3), see `sample_bilinear`.
         pixel: Size of a pixel on the plane z = 1.
     """

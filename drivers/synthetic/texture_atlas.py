@@ -48,12 +48,7 @@ def paint_atlas(
     The texels are mapped from an unnamed file, so texels that no frame shows take no memory.
 
     Args:
-        solids: The solids to paint.
-        arrays: The solids that cast shadows.
         lights: Point lights (B, 4).
-        texel_m: Size of a texel.
-        seed: Seed of the textures.
-        threads: Painting threads.
         folder: Folder of the unnamed file; None for the system's temporary folder.
 
     Raises:

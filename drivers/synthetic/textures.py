@@ -22,7 +22,6 @@ def fractal_noise(
     """Noise (H, W) of about unit deviation, equal power in each octave: photographs' 1/f law.
 
     Args:
-        rng: Random generator.
         height: Rows, pixels.
         width: Columns, pixels.
         coarsest_px: Size of the largest blobs, pixels.
@@ -71,7 +70,6 @@ def random_color(
     """Choose a random hue; saturation 0 is gray.
 
     Args:
-        rng: Random generator.
         saturation: 0 is gray, 1 a pure hue.
         low: Least brightness, gray levels.
         high: Greatest brightness, gray levels.
@@ -178,8 +176,6 @@ def cabinet_doors(front: TexturePainter, columns: int, rows: int) -> TexturePain
     """The front of a cupboard: panels with gaps and handles.
 
     Args:
-        front: Paints the wood.
-        columns: Number of doors side by side.
         rows: Number of doors one above the other.
     """
 

@@ -26,7 +26,6 @@ def read_ground_truth(folder: Path, frames_s: Array | None) -> tuple[Trajectory 
     """Read the true poses, in any format, and what they were taken for; "" for TUM's.
 
     Args:
-        folder: The folder.
         frames_s: (F,) stamps of its frames, for formats without stamps.
 
     Raises:

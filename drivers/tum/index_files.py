@@ -81,7 +81,6 @@ def read_rows(path: Path, columns: str) -> list[tuple[int, list[str]]]:
     """Read a list's lines other than blank lines and comments.
 
     Args:
-        path: The list.
         columns: Names of the columns, separated by spaces.
 
     Returns:

@@ -73,7 +73,6 @@ def choose_camera_file(args: argparse.Namespace, config: Config, mode: str) -> P
     """Choose the camera file to change.
 
     Args:
-        args: Options of the command line.
         config: The configuration.
         mode: The option that changes the file, for the error message.
 
@@ -100,10 +99,8 @@ def print_saved_timing(
     """Print a table of timings and where the last one is saved, or one JSON object with --json.
 
     Args:
-        args: Options of the command line.
         source: By name: where the values come from.
         values: By heading: a timing. The last one is that in the file.
-        saved: The camera file.
     """
     backup = saved.backup
     keys = tuple(next(iter(values.values())))

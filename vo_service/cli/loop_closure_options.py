@@ -36,10 +36,7 @@ def make_requested_loop_closure(
     """Make loop closure if an option requests it, else return None.
 
     Args:
-        args: The options.
         config: Gives the table `[map]`.
-        terminal: Shows progress.
-        stop: Stop request.
 
     Raises:
         KeyboardInterrupt: If a stop is requested.
@@ -57,8 +54,6 @@ def make_loop_closure(
 
     Args:
         config: Gives the table `[map]`.
-        terminal: Shows progress.
-        stop: Stop request.
 
     Raises:
         KeyboardInterrupt: If a stop is requested.
@@ -76,7 +71,6 @@ def write_optimized_trajectory(
     """Write a trajectory file atomically.
 
     Args:
-        path: The file.
         trajectory: The trajectory, with stamps on the camera's clock.
         published_after_s: Offset from the camera's clock to the published clock, s.
 

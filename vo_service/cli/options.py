@@ -231,11 +231,6 @@ def add_connection_options(parser: argparse.ArgumentParser) -> None:
 def prepare_kernels(config: Config, terminal: Terminal, stop: StopSignal) -> float:
     """Compile or load the kernels of the configured method.
 
-    Args:
-        config: Gives the method.
-        terminal: Shows progress.
-        stop: Stop request.
-
     Returns:
         Time taken, s.
 
@@ -275,7 +270,6 @@ def run_warm_up(
 
     Args:
         warm_up_function: Compiles or loads kernels; it calls its argument with each stage.
-        terminal: Shows progress.
         stop: Stop request; checked between two kernels.
 
     Raises:

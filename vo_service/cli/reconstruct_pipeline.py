@@ -65,10 +65,7 @@ def track_recording(
 
     Args:
         folder: Folder of the recording, for error messages.
-        camera: The recording.
         config: The configuration.
-        terminal: Shows progress.
-        stop: Stop request.
         loop_closure: If given, the poses are optimized, and trajectories that it connects are one.
 
     Returns:

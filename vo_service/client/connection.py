@@ -182,7 +182,6 @@ def query(
 
     Args:
         sessions: The open session; empty if there is none.
-        key: Zenoh key.
         timeout_s: Seconds to wait for the reply.
         payload: Arguments as JSON.
 

@@ -118,9 +118,7 @@ def make_pose(received: ReceivedPose, is_continuous: bool, missed: int) -> Pose:
     """Combine message and attachment into a pose.
 
     Args:
-        received: The message.
         is_continuous: Whether it continues the reader's previous pose.
-        missed: Number of poses between the two.
     """
     message, attachment = received.message, received.attachment
     return Pose(
@@ -145,7 +143,6 @@ def parse_pose_sample(sample: zenoh.Sample, run: int) -> ReceivedPose:
     """Parse a sample of ``odom`` or ``latest``.
 
     Args:
-        sample: The Zenoh sample.
         run: How often the service has been started.
 
     Raises:

@@ -176,7 +176,6 @@ class PoseClient(ServiceClient):
         Example: ``client.send(TiltCommand(10.0))``.
 
         Args:
-            command: The command with its arguments.
             timeout_s: Longest wait for the reply, seconds.
 
         Raises:

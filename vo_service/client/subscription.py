@@ -120,7 +120,6 @@ class ServiceState:
         """Wait for a message after the first `count` ones.
 
         Args:
-            latest: Latest message of the kind.
             count: Number of messages that the reader has seen.
             timeout_s: Longest wait, s; None: without limit.
 
@@ -192,7 +191,6 @@ class ServiceClient:
 
         Args:
             prefix: Prefix of the service's Zenoh keys.
-            connect: Zenoh endpoint of the service.
             config_file: Zenoh configuration (JSON5, for TLS); its endpoints replace `connect`.
 
         Raises:
@@ -239,7 +237,6 @@ def require_fresh(state: ServiceState, max_age_s: float, where: str) -> Received
     """Return the newest pose if it is fresh and not lost.
 
     Args:
-        state: Messages received so far.
         max_age_s: Greatest age, seconds since the pose arrived.
         where: The service's prefix and endpoint, for the message.
 

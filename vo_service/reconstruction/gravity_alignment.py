@@ -45,7 +45,6 @@ def estimate_up(mesh: Mesh, initial_up: Array) -> Array:
     """Refine the up direction with the normals of the level surfaces.
 
     Args:
-        mesh: The map.
         initial_up: (3,) unit vector, the initial guess.
 
     Returns:

@@ -166,8 +166,6 @@ class Reconstructor:
         """Read an open camera to its end.
 
         Args:
-            camera: The camera.
-            stop: Ends the loop early when set.
             progress: Called after each frame with the frames read and the total, 0 if unknown.
         """
         while not stop.is_set():

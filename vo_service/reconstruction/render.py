@@ -45,8 +45,6 @@ def render_perspective(mesh: Mesh, camera: PinholeCamera, T_camera_world: Array)
     """Render the view of a camera, without back faces.
 
     Args:
-        mesh: The mesh.
-        camera: Intrinsics.
         T_camera_world: 4x4.
 
     Returns:
@@ -154,10 +152,8 @@ def render_top_view(mesh: Mesh, T_level_world: Array, trajectory_m: Array, title
     """Render the map from above, with the camera's trajectory and axes in meters.
 
     Args:
-        mesh: The map.
         T_level_world: 4x4 transform to level axes.
         trajectory_m: (N, 3) positions of the camera in the world.
-        title: Title of the plot.
 
     Returns:
         PNG bytes.
@@ -199,7 +195,6 @@ def render_overview(mesh: Mesh, T_level_world: Array) -> bytes:
     """Render the room from above and behind the first camera, without back faces.
 
     Args:
-        mesh: The map.
         T_level_world: 4x4 transform to level axes.
 
     Returns:
@@ -231,7 +226,6 @@ def render_camera_view(mesh: Mesh, camera: PinholeCamera, T_world_camera: Array)
 
     Args:
         mesh: The mesh, in the world.
-        camera: Intrinsics of the picture.
         T_world_camera: 4x4 pose of the optical camera, m.
     """
     return _encode_png(render_perspective(mesh, camera, inverse(T_world_camera)))

@@ -46,8 +46,6 @@ def extract_surface(blocks: VoxelBlockGrid, voxel_m: float, min_weight: float) -
     """Extract the mesh of all voxels with at least a given weight.
 
     Args:
-        blocks: The voxels.
-        voxel_m: Edge of a voxel.
         min_weight: Least weight.
     """
     n = blocks.count

@@ -38,7 +38,6 @@ def blocks_to_allocate(
         depth_m: (H, W), 0 = no reading.
         intrinsics: Values fx, fy, cx, cy, pixels.
         T_world_camera: 4x4 pose.
-        block_m: Edge of a block.
         margin_m: Distance from the surface, along the ray.
         step_px: Spacing of the sampled pixels.
 
@@ -102,7 +101,6 @@ def blocks_in_view(
         coordinates: (M, 3) of all blocks.
         frustum: (4, 3) normals from `frustum_normals`.
         T_camera_world: 4x4.
-        block_m: Edge of a block.
         max_depth_m: Greatest depth along the optical axis.
 
     Returns:
@@ -150,7 +148,6 @@ def integrate_frame(
         images: Depth (H, W), weight of each reading (H, W), and BGR (H, W, 3).
         intrinsics: Values fx, fy, cx, cy, pixels.
         T_camera_world: 4x4.
-        voxel_m: Edge of a voxel.
         truncation_m: Voxels further behind the surface are not updated.
     """
     distance_m, weight, color = voxels

@@ -73,7 +73,6 @@ class TsdfVolume:
         Args:
             depth_m: (H, W), 0 = no reading.
             color_bgr: (H, W, 3).
-            camera: Intrinsics of both images.
             T_world_camera: 4x4 pose.
         """
         blocks, config = self._blocks, self.config

@@ -122,9 +122,7 @@ def block_index(x: int, y: int, z: int, table: NDArray[np.int64]) -> Any:
     """Return the number of the block at these coordinates; NO_BLOCK if there is none.
 
     Args:
-        x: Block coordinate: position in the world over the side of a block.
-        y: The same.
-        z: The same.
+        x, y, z: Block coordinates: position in the world over the side of a block.
         table: (capacity, 2) keys and numbers, see `VoxelBlockGrid`.
     """
     key = _block_key(x, y, z)

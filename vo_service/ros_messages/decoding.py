@@ -98,7 +98,6 @@ def reading(payload: BytesLike, schema: str) -> Iterator[CdrReader]:
     """Read a message in the block.
 
     Args:
-        payload: The message.
         schema: Its type, for the error.
 
     Raises:

@@ -113,8 +113,6 @@ def shortest_path_length(
     Args:
         start: Number of a node.
         goal: Number of a node.
-        adjacency: See `build_adjacency`.
-        length: Length of an edge.
         max_length: Longer paths are not searched.
 
     Returns:

@@ -73,10 +73,6 @@ class KeyframeCuller:
 
         The newest keyframe always stays, as the next poses are relative to it.
 
-        Args:
-            keyframe: The new keyframe.
-            loops: Its loop closures.
-
         Returns:
             The removed nodes.
         """

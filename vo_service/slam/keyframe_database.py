@@ -73,11 +73,8 @@ def extract_depth_features(
     """Extract the strongest features with depth.
 
     Args:
-        frame: The frame.
-        extractor: Of the features.
         velocity: (6,) twist of the camera in its own axes, m/s and rad/s; it corrects each row for
             its time.
-        max_features: Largest number of features with depth.
     """
     features = extractor.extract(frame.gray)
     points = backproject_features(features, frame)
@@ -320,8 +317,6 @@ class KeyframeDatabase:
         """Find the allowed keyframes that look most like a view, the most similar first.
 
         Args:
-            query: The view.
-            count: Largest number of keyframes.
             is_allowed: Whether a keyframe may be found.
         """
         keyframes = [keyframe for keyframe in self if is_allowed(keyframe)]

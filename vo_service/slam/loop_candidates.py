@@ -40,7 +40,6 @@ class LoopCandidates:
         """Find loop candidates of a view in a world frame, at its pose in the map.
 
         Args:
-            query: The view.
             world_id: Number of its world frame.
             T_map_camera: 4x4 pose of the optical camera in the map, m.
         """

@@ -101,9 +101,6 @@ def require_array(
     """Return an array of finite numbers with this dtype and shape.
 
     Args:
-        arrays: Arrays by name.
-        name: Name of the array.
-        dtype: Type of its numbers.
         shape: Its shape; `ANY_LENGTH` stands for any side.
 
     Raises:
@@ -123,11 +120,6 @@ def require_array(
 
 def require_poses(arrays: Arrays, name: str, count: int) -> Array:
     """Return rigid transforms (count, 4, 4).
-
-    Args:
-        arrays: Arrays by name.
-        name: Name of the array.
-        count: Number of poses.
 
     Raises:
         ValueError: If they are not valid.

@@ -30,8 +30,6 @@ class MapMerger:
 
         Args:
             loop: From the old keyframe to the new one.
-            old: The old keyframe.
-            new: The new keyframe.
 
         Returns:
             The loops to close: none, or this one and the pending ones that agree with it.

@@ -26,7 +26,6 @@ class OptimizationSchedule:
         """Add a keyframe; return whether to optimize now.
 
         Args:
-            keyframe_count: Number of keyframes in the map.
             has_loops: Whether the keyframe has loops.
             is_inconsistent: Whether these differ from the map.
         """

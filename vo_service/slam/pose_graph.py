@@ -95,7 +95,6 @@ class PoseGraph:
         """Add an unconnected node: the first one of a world frame.
 
         Args:
-            number: Number of the keyframe.
             world_id: Number of its world frame.
             T_world_keyframe: 4x4 pose of the keyframe in that frame, m.
         """
@@ -273,7 +272,6 @@ class OptimizedTrajectory:
 
         Args:
             stamp_s: Stamp of the frame, s.
-            keyframe_number: Number of the last keyframe.
             T_keyframe_camera: 4x4 pose of the optical camera relative to it, m.
         """
         self._poses[stamp_s] = AnchoredPose(keyframe_number, T_keyframe_camera)

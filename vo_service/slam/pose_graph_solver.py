@@ -136,7 +136,6 @@ def solve(T_map_keyframe: Array, measured: EdgeMeasurements, is_fixed: NDArray[n
 
     Args:
         T_map_keyframe: (N, 4, 4) initial poses.
-        measured: The edges.
         is_fixed: (N,), at least one pose of each component.
     """
     damping = INITIAL_DAMPING

@@ -33,14 +33,7 @@ def create_key(file: Path) -> None:
 
 
 def create_authority_certificate(key: Path, certificate: Path, name: str, days: int) -> None:
-    """Write a self-signed certificate with which `key` can sign others, but no sub-authorities.
-
-    Args:
-        key: File with its private key.
-        certificate: File to write.
-        name: Common name.
-        days: Days until it expires.
-    """
+    """Write a self-signed certificate with which `key` can sign others, but no sub-authorities."""
     data = _run_openssl(
         *("req", "-x509", "-new", "-key", str(key)),
         *("-subj", f"/CN={name}", "-days", str(days), "-set_serial", _random_serial()),
@@ -54,11 +47,8 @@ def sign_certificate(folder: Path, authority: Path, name: str, extensions: str, 
     """Sign tls.key in `folder` with ca.key in `authority`, and write tls.pem to `folder`.
 
     Args:
-        folder: Folder of the key to certify.
         authority: Folder with ca.pem and ca.key.
-        name: Common name of the certificate.
         extensions: Section of an openssl configuration, one ``key=value`` per line.
-        days: Days until the certificate expires.
     """
     extension_file = folder / "extensions"
     atomic_write(extension_file, extensions.encode())

@@ -270,7 +270,6 @@ def encode_message(message: Any, extra_fields: JsonObject | None = None) -> byte
     """Encode a dataclass as a JSON message with the schema number.
 
     Args:
-        message: The dataclass.
         extra_fields: Fields that are not of the dataclass.
 
     Raises:
@@ -408,7 +407,6 @@ def decode_message(kind: type[T], content: JsonObject, what: str) -> T:
 
     Args:
         kind: The dataclass, such as `OdomAttachment`.
-        content: The message.
         what: What the message is, for errors, such as "a pose".
 
     Raises:

@@ -107,9 +107,6 @@ class Recorder(Output, Protocol):
     def start_recording(self, name: str) -> str:
         """Start to record into a new folder. Does not wait for the first frame.
 
-        Args:
-            name: Name of the folder.
-
         Returns:
             Path of the folder.
 
@@ -198,9 +195,6 @@ class Mapper(Output, Protocol):
     def save(self, name: str) -> MapState:
         """Start to mesh and save the map. Does not wait for the end.
 
-        Args:
-            name: Name of the map.
-
         Returns:
             The state from then on; `saving` is the file.
 
@@ -211,9 +205,6 @@ class Mapper(Output, Protocol):
 
     def load(self, name: str) -> MapState:
         """Start to load the keyframes of a saved map. Does not wait for the end.
-
-        Args:
-            name: Name of the map.
 
         Returns:
             The state from then on; `loading` is the file.

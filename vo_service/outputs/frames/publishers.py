@@ -70,8 +70,6 @@ class FrameTopicPublisher:
         """Encode and publish the topic of a frame.
 
         Args:
-            update: The frame and its pose.
-            attachment: The attachment of its pose.
             shared_payloads: Puts a message into shared memory, once for all keys.
 
         Raises:

@@ -51,8 +51,6 @@ class RosFrames:
 
         Args:
             name: The topic below the namespace; "" if it is not for ROS.
-            schema: Type of the message.
-            declare_key: Declares one key.
         """
         number = self._take_number()
         if not name:
@@ -70,8 +68,6 @@ class RosFrames:
         """Publish a fixed transform on /tf_static, if transforms are enabled.
 
         Args:
-            frame_id: Parent frame.
-            child_frame_id: Child frame.
             T_frame_child: 4x4, meters.
         """
         if not self._ros2.tf:

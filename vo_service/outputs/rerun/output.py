@@ -231,8 +231,6 @@ def open_rerun_output(
     """Open a target as users write it: serve, connect, connect:HOST:PORT or FILE.rrd.
 
     Args:
-        target: The target.
-        settings: Rates and limits.
         ground_truth: As for `RerunOutput`.
         playback_mode: As for `RerunOutput`.
 

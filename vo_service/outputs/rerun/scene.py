@@ -307,10 +307,6 @@ class _TrajectoryLayer:
 def back_project(frame: RgbdFrame, grid_px: int) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
     """Back-project the depth image on a coarse grid of pixels.
 
-    Args:
-        frame: Depth and color.
-        grid_px: Grid spacing.
-
     Returns:
         (N, 3) points in camera axes, meters, and their (N, 3) RGB colors.
     """

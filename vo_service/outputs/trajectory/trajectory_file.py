@@ -55,7 +55,6 @@ class TrajectoryFileOutput:
         """Create or empty the file.
 
         Args:
-            path: The file.
             line_queue: Queue of the lines; it blocks or drops if the disk is slow.
 
         Raises:

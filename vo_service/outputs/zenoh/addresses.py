@@ -112,7 +112,6 @@ def exposed_endpoints(endpoints: Sequence[str], is_encryption_enough: bool) -> l
     """Return the endpoints in the network that are not protected.
 
     Args:
-        endpoints: The endpoints.
         is_encryption_enough: Whether an encrypted endpoint is protected.
     """
     protected = ENCRYPTED_PROTOCOLS if is_encryption_enough else ()

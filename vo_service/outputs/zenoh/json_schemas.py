@@ -61,7 +61,6 @@ def schema_of(kind: Any, spec: Field = Field()) -> Schema:  # noqa: B008 (frozen
     """Return the schema of a field's value.
 
     Args:
-        kind: Type of the value.
         spec: Limits of the value, or of each number in it.
 
     Raises:

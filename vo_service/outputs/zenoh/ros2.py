@@ -132,7 +132,6 @@ class RosNode:
 
         Args:
             number: Unique number of the publisher in this node.
-            topic: The topic.
         """
         topic_name = "/" + topic.name
         parts = (_mangle(topic_name), topic.type.dds_name, topic.type.hash)

@@ -62,11 +62,6 @@ def serve_queryable(session: zenoh.Session, key: str, handler: QueryHandler) -> 
     Queries wait in Zenoh, not in Python, so a flood of them does not delay the poses. A dropped
     query gets no reply.
 
-    Args:
-        session: The open session.
-        key: Zenoh key.
-        handler: Replies to one query.
-
     Returns:
         The thread.
     """
@@ -88,10 +83,6 @@ def reply(
     """Send the reply and close the query.
 
     Args:
-        query: The query.
-        key: Zenoh key of the reply.
-        payload: Content of the reply.
-        encoding: Encoding of the payload.
         attachment: JSON attachment, if there is one.
     """
     with suppress(zenoh.ZError):  # the session has closed

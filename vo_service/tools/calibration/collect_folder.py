@@ -157,11 +157,8 @@ def collect_from_folder(
     """Collect the views of a folder in which the board does not move and has a new pose.
 
     Args:
-        board: The board.
-        folder: Recording or folder of images.
         camera_file: Camera file of the recording; None for its own.
         with_depth: Whether to read depth images.
-        terminal: Shows the progress.
 
     Raises:
         InputError: The folder is not usable, or no image shows the board.

@@ -135,11 +135,7 @@ def collect_live(
     """Guide the user until the views are complete, the camera ends, or `stop` is set.
 
     Args:
-        board: The board.
-        request: Settings.
         previews: Places where the views are shown; may be empty.
-        terminal: Shows the instructions.
-        stop: Ends the collection.
 
     Raises:
         UserFacingError: No image showed the board, or the camera cannot be opened.

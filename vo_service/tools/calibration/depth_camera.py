@@ -104,7 +104,6 @@ def calibrate_depth(
 
     Args:
         color: Fitted color camera; its views have the depth images.
-        layout: Layout of the board.
         depth_factor: Values of the depth images per meter.
         progress: Is called with the number of steps done and in total.
 
@@ -165,8 +164,6 @@ class _DepthFit:
         """Fit the parameters with indices `free`; the boards' outlines follow the model.
 
         Args:
-            color: Fitted color camera.
-            model: Initial depth camera.
             free: (P,) indices of the parameters to fit.
             gates: Maximum distance of inliers for each fit, in robust standard deviations.
         """

@@ -138,8 +138,6 @@ def collect_board_readings(
     Args:
         views: V views.
         T_camera_board: (V, 4, 4) poses of the boards in the frame of the color camera.
-        layout: Layout of the board.
-        model: Depth camera, for the outlines.
         depth_factor: Values of the depth images per meter.
     """
     rows: list[Array] = []

@@ -21,8 +21,6 @@ def save_camera_file(path: Path, camera: CameraCalibration, heading: str) -> Pat
     """Write a camera file as `save_with_backup` does.
 
     Args:
-        path: The camera file.
-        camera: Its content.
         heading: Comment in its first line.
     """
     return save_with_backup(path, f"# {heading}\n{format_calibration(camera)}".encode())

@@ -15,10 +15,7 @@ def solve_calibration(
     """Fit the color camera, then the depth camera to it.
 
     Args:
-        board: The board.
-        collected: Views of the board.
         with_depth: Whether to calibrate the depth camera.
-        terminal: Shows the progress.
 
     Raises:
         UserFacingError: There are too few or too similar views, or the result is not valid.

@@ -95,7 +95,6 @@ def told_timing(camera: CameraCalibration, is_kinect: bool = False) -> SensorTim
     """Return what a camera file tells: a standard deviation of 0 is exact.
 
     Args:
-        camera: Contents of the file.
         is_kinect: Whether the usual values hold if the file tells none.
     """
     if is_kinect:
@@ -154,7 +153,6 @@ def save_timing(
     """Change the timing in a camera file, or write a new file.
 
     Args:
-        path: The camera file.
         fallback: Contents of a new file, except for the timing.
         changes: The values to change, with their standard deviations.
         heading: Comment at the top of a new file.

@@ -99,11 +99,8 @@ def measure_folder(
     """Measure the timing of a recording.
 
     Args:
-        folder: The recording.
         file: Its camera file; None: the one in the recording.
         topics: As for `open_recording`.
-        terminal: Shows the progress.
-        stop: Ends the measurement.
 
     Raises:
         InputError: If it is not usable.
@@ -123,10 +120,6 @@ def measure_live(
 
     Args:
         source: The camera, as for --camera.
-        file: Its camera file.
-        sensor: Settings of the sensor.
-        terminal: Shows the progress.
-        stop: Ends the measurement.
 
     Raises:
         CameraError: If that fails.

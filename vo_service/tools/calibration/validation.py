@@ -64,8 +64,6 @@ def validate_depth(
     """Return warnings.
 
     Args:
-        depth: The fitted depth camera.
-        color: The fitted color camera.
         gaps: Gaps in the coverage of the views.
 
     Raises:

@@ -182,7 +182,6 @@ def find_coverage_gaps(
     """Return the gaps in order of importance.
 
     Args:
-        views: Accepted views.
         board_poses: Approximate pose of the board in each view.
         with_depth: Whether the depth camera is calibrated, too.
     """
@@ -229,8 +228,6 @@ class CoverageGuide:
         """Set the aim.
 
         Args:
-            selector: Selects the views.
-            view_count: Number of views to take.
             with_depth: Whether the depth camera is calibrated, too.
         """
         self._selector = selector

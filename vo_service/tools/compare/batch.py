@@ -94,9 +94,7 @@ def run_in_subprocess(
     If kernels have to be compiled, this happens in another subprocess before.
 
     Args:
-        request: The run.
         time_limit_s: The run is killed after this time.
-        on_progress: Is called with each progress message.
         stop: If set, the run is killed and has no result.
 
     Raises:
@@ -194,11 +192,6 @@ def run_batch(plan: BatchPlan, terminal: Terminal, stop: threading.Event) -> Ite
 
     Failed runs are run again the next time. After a stop, the other runs come from the cache or
     are not run.
-
-    Args:
-        plan: The runs.
-        terminal: Shows the progress.
-        stop: Ends the batch.
 
     Raises:
         UserFacingError: Results cannot be written, or no process can be started.

@@ -165,9 +165,7 @@ def make_method_factories(
     """Return factories in the order of the names.
 
     Args:
-        names: Names of the methods.
         unavailable: Those that cannot run.
-        odometry: Settings of the methods.
         sfm_scale: Source of the initial scale of sfm.
         orb_vocabulary: Vocabulary of ORB-SLAM3; None to train one from each recording.
 

@@ -127,7 +127,6 @@ def open_recordings(
     """Check and open recordings before long runs.
 
     Args:
-        folders: Folders of the recordings.
         camera_file: As for `open_recording`.
         topics: As for `open_recording`.
 

@@ -208,8 +208,6 @@ def collect_results(
     """Yield the evaluated runs of each recording as soon as its last run has ended.
 
     Args:
-        batch_results: Results of a batch.
-        method_count: Number of runs of each recording.
         reference_method: Baseline for relative figures; None without.
     """
     while results := list(islice(batch_results, method_count)):

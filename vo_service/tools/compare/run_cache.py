@@ -47,12 +47,6 @@ def make_cache_key(
 
     Images count by name, size and modification time. The ground truth counts if it is used.
 
-    Args:
-        recording: The recording.
-        factory: Makes the method.
-        versions: Versions of the software.
-        observer_factory: Makes the observer.
-
     Raises:
         InputError: A file cannot be read.
     """
@@ -109,13 +103,7 @@ class RunCache:
             return None
 
     def save(self, key: str, outcome: RunOutcome, description: Mapping[str, object]) -> None:
-        """Store an outcome; the description goes into result.json, too. Raises UserFacingError.
-
-        Args:
-            key: Key of the run.
-            outcome: Its outcome.
-            description: Further content of result.json.
-        """
+        """Store an outcome; the description goes into result.json, too. Raises UserFacingError."""
         run = outcome.run
         create_output_folder(self.path)
         for name in (

@@ -54,8 +54,6 @@ class RunRecorder:
         """Add the result of a frame and its processor and elapsed time, s.
 
         Args:
-            frame: The frame.
-            estimate: Its estimate.
             cpu_s: Processor time of the estimate, s.
             wall_s: Elapsed time of the estimate, s.
         """
@@ -137,13 +135,7 @@ def run_method(
 def warm_up_method(
     factory: MethodFactory, recording: Recording, on_progress: Callable[[str], None]
 ) -> None:
-    """Compile or load the kernels, and process the first frames once.
-
-    Args:
-        factory: Makes the method.
-        recording: The recording.
-        on_progress: Is called with each stage.
-    """
+    """Compile or load the kernels, and process the first frames once."""
     factory.prepare(on_progress)
     on_progress("first frames")
     odometry = factory.make(CpuStageTimer(), recording)

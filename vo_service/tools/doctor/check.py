@@ -70,8 +70,6 @@ class CheckContext:
 
         Args:
             paths: Paths of the computer's virtual files.
-            requested: The sensor to check.
-            probe_usb: Finds the sensors on the USB.
             probe_stream: Opens the camera and reads its frames.
         """
         self.paths = paths
@@ -157,7 +155,6 @@ def run_checks(
 
     Args:
         checks: Checks to run; each comes after those it needs.
-        context: Data for the checks.
         show_busy: Shows the name of a check while it runs.
 
     Raises:

@@ -83,7 +83,6 @@ def probe_stream(
     Args:
         camera: Closed camera.
         seconds: Time to read after the first frame; a recording may end earlier.
-        on_frame: Is called with each frame.
 
     Raises:
         InputError: The user's input is invalid.

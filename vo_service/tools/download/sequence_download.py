@@ -181,11 +181,6 @@ def download_sequence(
     An existing folder is not changed. A partial download is kept for the next time, unless the
     archive is unusable.
 
-    Args:
-        sequence: The sequence.
-        request: Settings of the download.
-        terminal: Shows the progress.
-
     Raises:
         UserFacingError: The download fails.
     """

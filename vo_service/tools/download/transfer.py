@@ -158,7 +158,6 @@ def fetch_with_retries(
     There is no retry if the first attempt receives nothing.
 
     Args:
-        url: Address of the file.
         part: Partial file to complete.
         on_progress: Is called with the bytes received, and all if known.
         sleep: Waits a number of seconds.
@@ -181,7 +180,6 @@ def fetch(url: str, part: PartialFile, on_progress: TransferProgress) -> None:
     """Complete `part` to the whole file at `url`, without its existing part of this version.
 
     Args:
-        url: Address of the file.
         part: Partial file to complete.
         on_progress: Is called with the bytes received, and all if known.
 

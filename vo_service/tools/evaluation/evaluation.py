@@ -82,8 +82,6 @@ def evaluate(
     """Compare a trajectory with the ground truth, each in its own world frame.
 
     Args:
-        trajectory: Estimated poses.
-        truth: True poses.
         frame_stamps_s: (F,) ascending stamps of all delivered frames; see `coverage`.
         max_difference_s: Largest difference between the stamps of a pose and its truth.
 

@@ -75,7 +75,6 @@ def classify_gap(
     """Return how a gap was crossed.
 
     Args:
-        gap: The gap.
         stamps_s: (N,) stamps of all frames.
         is_good: (N,) whether each frame has a pose.
         epochs: (N,) epoch of each frame.
@@ -105,9 +104,7 @@ def spans_gap(matched: MatchedPoses, pairs: PosePairs, gaps: list[Gap]) -> NDArr
     """Return (K,) whether the poses of each pair lie on both sides of a gap.
 
     Args:
-        matched: Matched poses.
         pairs: K pairs of them.
-        gaps: Gaps of the recording.
     """
     earlier_s, later_s = matched.stamps_s[pairs.earlier], matched.stamps_s[pairs.later]
     is_across = np.zeros(len(pairs), np.bool_)

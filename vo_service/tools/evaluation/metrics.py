@@ -53,8 +53,6 @@ def associate(
     ``associate_trajectories``, so the results agree with evo's.
 
     Args:
-        trajectory: Estimated poses.
-        truth: True poses.
         max_difference_s: Largest difference between the stamps of a pose and its truth.
 
     Raises:
@@ -248,7 +246,6 @@ def tracked_steps(matched: MatchedPoses, stamps_s: Array, epochs: NDArray[np.int
     Steps into another epoch are left out: there the odometry reports a discontinuity.
 
     Args:
-        matched: Matched poses of a trajectory.
         stamps_s: (N,) stamps of all poses of this trajectory.
         epochs: (N,) their epochs.
     """

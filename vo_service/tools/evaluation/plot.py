@@ -40,10 +40,6 @@ def write_plot(
     The axes are those of the first true camera: right, forward, up. No partial file is left.
 
     Args:
-        path: The image file.
-        trajectory: Estimated poses.
-        truth: True poses.
-        title: Title of the figure.
         max_difference_s: As for `associate`.
 
     Raises:
@@ -68,9 +64,6 @@ def draw_plot(
     """Draw the matplotlib figure.
 
     Args:
-        trajectory: Estimated poses.
-        truth: True poses.
-        title: Title of the figure.
         max_difference_s: As for `associate`.
     """
     matched = associate(trajectory, truth, max_difference_s)
@@ -115,7 +108,6 @@ def label_axes(plot: "Axes", title: str, x: str, y: str) -> None:
 
     Args:
         plot: The axes.
-        title: Title.
         x: Label of the x axis.
         y: Label of the y axis.
     """
@@ -132,7 +124,6 @@ def draw_trajectory(
 
     Args:
         plots: Axes of the views "A" from above and "B" from the right.
-        poses: The trajectory.
         T_first_world: (4, 4) from its world to the first true camera.
         style: Style of the line, for matplotlib.
     """
@@ -146,7 +137,6 @@ def crop_trajectory(poses: Trajectory, begin_s: float, end_s: float) -> Trajecto
     """Return the poses between two stamps; motion capture may start long before the trajectory.
 
     Args:
-        poses: The trajectory.
         begin_s: First stamp.
         end_s: Last stamp.
     """

@@ -49,9 +49,6 @@ class RunSummary:
         """Evaluate the trajectory if possible and return the summary.
 
         Args:
-            statistics: Statistics of the service.
-            counters: Counters of the camera.
-            trajectory: Estimated poses.
             ground_truth: True poses; None if not known.
             frames_s: (F,) stamps of all delivered frames.
             loop_closure: Results of loop closure; None if disabled.
@@ -208,7 +205,6 @@ def evaluate_if_possible(
     """Evaluate a trajectory; None without a truth or with too few matched poses.
 
     Args:
-        trajectory: Estimated poses.
         ground_truth: True poses; None if not known.
         frames_s: (F,) stamps of all delivered frames.
     """

@@ -38,8 +38,6 @@ class Installer:
         """Set where to install.
 
         Args:
-            root: Root of the file system.
-            systemd: Control of its systemd.
             print_line: Is called with a line for each step.
         """
         self._root, self._systemd, self._print_line = root, systemd, print_line
@@ -48,7 +46,6 @@ class Installer:
         """Install everything for `unit`.
 
         Args:
-            unit: The service.
             enable: Whether to start it now and at boot.
             network_tls: Whether to install the drop-in that opens the network with TLS.
 

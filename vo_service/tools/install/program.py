@@ -106,7 +106,6 @@ def install_program(root: Path, on_progress: Callable[[str], None]) -> bool:
     An old copy stays until the new one is complete and has run once.
 
     Args:
-        root: Root of the file system.
         on_progress: Is called with the name of each step.
 
     Returns:

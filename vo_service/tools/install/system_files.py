@@ -50,14 +50,7 @@ def remove_file(path: Path) -> bool:
 
 
 def write_error(path: Path, error: OSError, root: Path, *command: str) -> UserFacingError:
-    """Return a user-facing error for a file that a kinect-vo command could not change.
-
-    Args:
-        path: The file.
-        error: The error.
-        root: Root of the file system.
-        *command: Arguments of the kinect-vo command.
-    """
+    """Return a user-facing error for a file that a kinect-vo command could not change."""
     if isinstance(error, PermissionError) and os.geteuid() != 0:
         tree = [] if root == Path("/") else ["--root", str(root)]
         return UserFacingError(

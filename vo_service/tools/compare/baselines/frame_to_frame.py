@@ -45,8 +45,6 @@ class PairwiseMethod(Protocol):
         """Return the 4x4 T_earlier_later from a predicted one, or None on failure.
 
         Args:
-            earlier: The earlier frame, as prepared.
-            later: The later frame, as prepared.
             T_earlier_later: (4, 4) predicted motion.
         """
         ...
@@ -262,7 +260,6 @@ class OpenCvExtractor:
 
         Args:
             create: Makes a detector with a maximum number of features.
-            count: Maximum number of features.
             binary: Whether descriptors are bits.
         """
         self._create = create

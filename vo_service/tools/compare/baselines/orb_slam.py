@@ -116,9 +116,7 @@ def format_settings(
     """Return ORB-SLAM3's settings file for undistorted BGR and raw depth images.
 
     Args:
-        calibration: Camera of the recording.
         frame_rate_hz: Frames per second.
-        feature_count: ORB features in a frame.
     """
     camera = calibration.pinhole
     settings = {

@@ -71,12 +71,7 @@ class NamedFigure:
 
 
 def line_style(result: SequenceResults, method: str) -> dict[str, Any]:
-    """Return the color and dashes of a method; ours are the same in all figures and reports.
-
-    Args:
-        result: Results with all methods.
-        method: The method.
-    """
+    """Return the color and dashes of a method; ours are the same in all figures and reports."""
     if method in METHOD_COLORS:
         return {"color": METHOD_COLORS[method], "linestyle": "-"}
     number = [other for other in result.evaluations if other not in METHOD_COLORS].index(method)

@@ -34,7 +34,6 @@ class Metric:
         """Return the ratio to the baseline method's value, or None if not known.
 
         Args:
-            evaluation: The run.
             reference: The run of the baseline method; None without.
         """
         value = self.value(evaluation)
@@ -134,12 +133,7 @@ def all_metrics(has_loop_closure: bool) -> tuple[Metric, ...]:
 
 
 def metrics_as_json(result: SequenceResults, method: str) -> dict[str, object]:
-    """Return every metric by its key, and under `ratios` those relative to the baseline method.
-
-    Args:
-        result: Results of the recording.
-        method: The method.
-    """
+    """Return every metric by its key, and under `ratios` those relative to the baseline method."""
     evaluation, reference = result.evaluations[method], result.reference
     ratios = () if reference is None else RATIO_METRICS
     return {

@@ -71,8 +71,6 @@ def render_page(
     """Return the page, which needs no other file and no network.
 
     Args:
-        metadata: Settings of the comparison.
-        results: Results by recording and frame step.
         figures: Figures by the recording's name.
     """
     from jinja2 import Environment, FileSystemLoader, StrictUndefined  # rarely used

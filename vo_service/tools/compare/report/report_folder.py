@@ -26,14 +26,7 @@ PAGE_FILE, DATA_FILE, CONFIG_FILE = "report.html", "report.json", "config.toml"
 def write_report(
     folder: Path, metadata: ReportMetadata, results: Sequence[SequenceResults], terminal: Terminal
 ) -> None:
-    """Write everything, the page last. Raises UserFacingError.
-
-    Args:
-        folder: Folder of the report.
-        metadata: Settings of the comparison.
-        results: Results by recording and frame step.
-        terminal: Shows the progress.
-    """
+    """Write everything, the page last. Raises UserFacingError."""
     figures = {result.recording.name: _draw_figures(folder, result, terminal) for result in results}
     tables = {"metrics": metrics_table(results), "gaps": gap_table(results)}
     for name, table in {**tables, "paper": paper_table(results)}.items():
@@ -70,12 +63,7 @@ def _draw_figures(
 
 
 def report_content(metadata: ReportMetadata, results: Sequence[SequenceResults]) -> dict[str, Any]:
-    """Return the whole content of report.json.
-
-    Args:
-        metadata: Settings of the comparison.
-        results: Results by recording and frame step.
-    """
+    """Return the whole content of report.json."""
     sequences = [_sequence_as_json(result) for result in results]
     return {"schema": 1, **metadata.as_json(), "sequences": sequences}
 

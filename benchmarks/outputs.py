@@ -38,13 +38,14 @@ from drivers.bag.mcap_recorder import McapRecorder
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core import InputError
 from drivers.core.geometry import T_BODY_CAMERA
+from drivers.playback.camera import RecordingCamera
+from drivers.playback.recording_formats import open_recording
 from drivers.recording.frame_encoding import (
     ColorFormat,
     FrameStamps,
     calibration_of_frame,
     encode_image,
 )
-from drivers.recording_camera import RecordingCamera, open_recording
 from tests.ports import free_port
 from tests.resource_leaks import child_pids_of, resident_memory_kb
 from vo_service.config_tables import FramesConfig, RecorderConfig, ZenohConfig

@@ -13,7 +13,7 @@ from benchmarks.harness import measure_cpu_ms
 from drivers.camera import EndOfStream, PlaybackMode, RgbdCamera, RgbdFrame
 from drivers.core import InputError
 from drivers.core.geometry import Array, Trajectory
-from drivers.recording_camera import RecordingCamera
+from drivers.playback.camera import RecordingCamera
 from vo_service.odom_frame import OdomFrame, StampedFrame
 from vo_service.odometry.registry import METHODS, MethodConfig
 from vo_service.odometry.stage_timers import CpuStageTimer

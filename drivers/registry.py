@@ -103,7 +103,7 @@ def open_camera(
 
     kind, _, argument = source.partition(":")
     if kind not in CAMERAS and source and Path(source).exists():
-        from drivers.recording_camera import recording_format
+        from drivers.playback.recording_formats import recording_format
 
         kind, argument = recording_format(Path(source)), source
     if kind not in CAMERAS:
@@ -141,7 +141,7 @@ def _is_recording(kind: str, argument: str) -> bool:
 
 
 def make_recording(request: CameraRequest) -> RgbdCamera:
-    from drivers.recording_camera import RecordingCamera
+    from drivers.playback.camera import RecordingCamera
 
     if not request.argument:
         kind = request.source.partition(":")[0]

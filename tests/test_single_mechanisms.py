@@ -25,7 +25,7 @@ SINGLE = {
     "SharedMemory": set(),
     "Condition": {
         "drivers/core/queues.py",
-        "drivers/recording_camera.py",  # frames with a due time
+        "drivers/playback/frame_buffer.py",  # frames with a due time
         "vo_service/client/frame_client.py",  # the newest frame, made of several messages
         "vo_service/client/subscription.py",  # the newest pose, which is not taken
     },

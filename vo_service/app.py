@@ -211,7 +211,7 @@ def open_sensor_memory(config: Config, camera: RgbdCamera) -> SensorMemory:
 
 
 def _open_mcap(config: OutputsConfig, path: Path, stack: ExitStack) -> Output:
-    from drivers.recording_camera import check_bag_packages
+    from drivers.playback.recording_formats import check_bag_packages
 
     check_bag_packages(path)
     from vo_service.outputs.mcap_recording import open_mcap_recording

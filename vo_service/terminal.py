@@ -57,9 +57,7 @@ def set_log_level(level: str) -> None:
     root = logging.getLogger()
     root.setLevel(level.upper())
     announces = root.level <= logging.WARNING
-    logging.getLogger("drivers.recording_camera").setLevel(
-        logging.INFO if announces else root.level
-    )
+    logging.getLogger("drivers.playback").setLevel(logging.INFO if announces else root.level)
 
 
 def is_journal_stream(stream: TextIO) -> bool:

@@ -3,7 +3,6 @@
 import logging
 import time
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,9 +21,9 @@ from drivers.core import CameraError
 from drivers.openni2.bindings import OpenNI2, SensorType
 from drivers.openni2.oni_index import OniIndex, read_oni_index
 from drivers.openni2.oni_player import OniPlayer
-from drivers.openni2.playback_scheduler import make_playback_scheduler
 from drivers.openni2.rectify import CalibrationFile, make_rectifier
 from drivers.openni2.stream import IncompleteFrameError, decode_color, decode_depth
+from drivers.pacing import HOST_CLOCK, HostClock, make_pacer
 
 
 class OniPairReader:
@@ -100,8 +99,8 @@ class OniPlayback:
         playback_mode: PlaybackMode,
         mirror: bool,
         earlier_counters: CameraCounters,
+        host: HostClock,
     ) -> None:
-
         self.index = read_oni_index(path)
         with ExitStack() as undo:
             player = OniPlayer(openni2, path)
@@ -110,9 +109,7 @@ class OniPlayback:
             player.start()
             self._player, self._exit_stack = player, undo.pop_all()
         self._reader = OniPairReader(player, self.index)
-        self._scheduler = make_playback_scheduler(
-            playback_mode, [self.index.stamp_s(i) for i, _ in self.index.pairs]
-        )
+        self._pacer = make_pacer(playback_mode, self._offset_s, len(self.index.pairs), host)
         self._next_seq = 0
         self.counters = earlier_counters
 
@@ -120,14 +117,14 @@ class OniPlayback:
         """Wait for the next frame. Raises FrameTimeout, EndOfStream, CameraError."""
         deadline_s = time.monotonic() + timeout_s
         while self._next_seq < len(self.index.pairs):
-            seq = self._scheduler.wait_until_due(self._next_seq, deadline_s - time.monotonic())
+            seq = self._pacer.wait_until_due(self._next_seq, deadline_s - time.monotonic())
             try:
                 frame = self._make_frame(seq, deadline_s)
             except IncompleteFrameError as error:
                 _log.warning("frame %d is skipped: %s", seq, error)
-                self._advance(seq, skipped=1)
+                self._advance(seq, CameraCounters(skipped=1))
             else:
-                self._advance(seq, delivered=1)
+                self._advance(seq, CameraCounters(delivered=1))
                 return frame
         # At the end of the file the library's thread would keep one core busy.
         self._player.stop()
@@ -153,14 +150,12 @@ class OniPlayback:
             timing_prior=self.rectifier.timing_prior,
         )
 
-    def _advance(self, seq: int, delivered: int = 0, skipped: int = 0) -> None:
-        counters = self.counters
-        self.counters = replace(
-            counters,
-            delivered=counters.delivered + delivered,
-            dropped=counters.dropped + seq - self._next_seq,
-            skipped=counters.skipped + skipped,
-        )
+    def _offset_s(self, seq: int) -> float:
+        first, pair = self.index.pairs[0], self.index.pairs[seq]
+        return self.index.stamp_s(pair[0]) - self.index.stamp_s(first[0])
+
+    def _advance(self, seq: int, count: CameraCounters) -> None:
+        self.counters += count + CameraCounters(dropped=seq - self._next_seq)
         self._next_seq = seq + 1
 
 
@@ -182,10 +177,12 @@ class OniCamera(RgbdCamera):
         camera_file: Path | None = None,
         playback_mode: PlaybackMode = PlaybackMode.LOCKSTEP,
         settings: SensorConfig | None = None,
+        host: HostClock = HOST_CLOCK,
     ) -> None:
         self.name = f"openni2:{path}"
         self._path, self._camera_file, self._playback_mode = path, camera_file, playback_mode
         self._mirror = (settings or SensorConfig()).mirror
+        self._host = host
         self._openni2: OpenNI2 | None = None
         self._playback: OniPlayback | None = None
         self._is_open = False
@@ -206,6 +203,7 @@ class OniCamera(RgbdCamera):
             self._playback_mode,
             self._mirror,
             self.counters,
+            self._host,
         )
         self._is_open = True
 

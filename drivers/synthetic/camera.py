@@ -1,8 +1,9 @@
 """The virtual Kinect as a camera: it delivers frames like a real one while they are rendered."""
 
+import math
 import sys
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from drivers.camera import (
     CameraCounters,
     CameraState,
     CameraStatus,
+    Clock,
     EndOfStream,
     FrameTimeout,
     PlaybackMode,
@@ -20,14 +22,15 @@ from drivers.camera import (
 )
 from drivers.core import CameraError, CameraLostError, CameraNotFoundError, InputError
 from drivers.core.geometry import STANDARD_GRAVITY_M_S2, Trajectory, Vector
+from drivers.pacing import HOST_CLOCK, HostClock, make_pacer
 from drivers.synthetic.background_frame_provider import BackgroundFrameProvider
 from drivers.synthetic.config import Fault, FaultKind, SyntheticConfig
 from drivers.synthetic.motions import make_motion
 from drivers.synthetic.on_demand_frame_provider import OnDemandFrameProvider
-from drivers.synthetic.pacing import HostClock, make_pacer
 from drivers.synthetic.room import ROOM_HEIGHT_M
 from drivers.synthetic.sensors import ImageSource, RenderedImages
 
+FIRST_STAMP_S = 1000.0  # in lockstep
 DARK_GAIN = 0.02
 DARK_NOISE_SIGMA = 3.0
 
@@ -129,7 +132,7 @@ class SyntheticCamera(RgbdCamera):
         config: SyntheticConfig,
         playback_mode: PlaybackMode = PlaybackMode.LOCKSTEP,
         render_options: RenderOptions = RenderOptions(),
-        host: HostClock = HostClock(),  # noqa: B008 (frozen)
+        host: HostClock = HOST_CLOCK,
     ) -> None:
         """Create a closed camera.
 
@@ -146,10 +149,14 @@ class SyntheticCamera(RgbdCamera):
         self._config = config
         self._host = host
         latency_s = config.timing.readout_s / 2 + max(config.timing.skew_s, 0.0)
-        self._pacer = make_pacer(playback_mode, config.rate_hz, latency_s, host)
-        self.clock = self._pacer.clock
+        self._is_live = playback_mode is PlaybackMode.REALTIME
+        self.clock = Clock.MONOTONIC if self._is_live else Clock.RECORDED
+        count = sys.maxsize if config.loop else config.frame_count
+        self._pacer = make_pacer(
+            playback_mode, lambda seq: seq / config.rate_hz + latency_s, count, host
+        )
         self._motion = make_motion(config, ROOM_HEIGHT_M)
-        self._last_seq = sys.maxsize if config.loop else config.frame_count - 1
+        self._last_seq = count - 1
         self._frame_provider = _make_frame_provider(config, playback_mode, render_options)
         self._fault_injector = FaultInjector(self._frame_provider.read, config.faults, config.seed)
         self._pending_unplugs = [f for f in config.faults if f.kind is FaultKind.UNPLUGGED]
@@ -170,7 +177,7 @@ class SyntheticCamera(RgbdCamera):
         self._frame_provider.start()
         self._has_started = False
         if self._is_disconnected:
-            self._next_seq = self._pacer.resume_at(self._next_seq)
+            self._next_seq = self._pacer.newest_due(self._next_seq - 1) + 1
         else:
             self._pacer.rewind()
             self._next_seq = 0
@@ -187,9 +194,7 @@ class SyntheticCamera(RgbdCamera):
         while True:
             if self._next_seq > self._last_seq:
                 raise EndOfStream
-            due = self._pacer.wait_for_frame(
-                self._next_seq, self._last_seq, self._remaining_s(deadline_s)
-            )
+            due = self._pacer.wait_until_due(self._next_seq, self._remaining_s(deadline_s))
             self._raise_if_unplugged(due)
             seq = self._frame_provider.wait_for_newest(
                 self._next_seq, due, min(POLL_PERIOD_S, self._remaining_s(deadline_s))
@@ -201,11 +206,11 @@ class SyntheticCamera(RgbdCamera):
             while seq > self._next_seq and self._fault_injector.has_fault(FaultKind.DROPPED, seq):
                 seq -= 1
             dropped, self._next_seq = seq - self._next_seq, seq + 1
-            self._add_to_counters(dropped=dropped)
+            self._counters += CameraCounters(dropped=dropped)
             if not self._fault_injector.has_fault(FaultKind.DROPPED, seq):
-                self._add_to_counters(delivered=1)
+                self._counters += CameraCounters(delivered=1)
                 return self._make_frame(seq, self._fault_injector)
-            self._add_to_counters(skipped=1)
+            self._counters += CameraCounters(skipped=1)
 
     def close(self) -> None:
         self._is_open = False
@@ -233,10 +238,10 @@ class SyntheticCamera(RgbdCamera):
 
         In realtime mode the stamps, and so the ground truth, are known after the first `read`.
         """
-        if self._config.loop or not self._pacer.has_started:
+        if self._config.loop or (self._is_live and self._pacer.start_s == math.inf):
             return None
         seqs = np.arange(self._config.frame_count)
-        stamps_s = np.array([self._pacer.stamp_s(int(seq)) for seq in seqs])
+        stamps_s = np.array([self._stamp_s(int(seq)) for seq in seqs])
         return Trajectory(stamps_s, self._motion.poses(seqs / self._config.rate_hz))
 
     def _wait_for_start(self, timeout_s: float) -> None:
@@ -264,7 +269,7 @@ class SyntheticCamera(RgbdCamera):
     def _make_frame(self, seq: int, fault_injector: FaultInjector) -> RgbdFrame:
         images = fault_injector.read_images(seq)
         stamp_seq, stamp_offset_s = fault_injector.stamp_source(seq)
-        stamp_s = round(self._pacer.stamp_s(stamp_seq) + stamp_offset_s, 6)
+        stamp_s = round(self._stamp_s(stamp_seq) + stamp_offset_s, 6)
         x, y, z = gravity_m_s2 = self._gravity(seq)
         return RgbdFrame(
             seq=seq,
@@ -280,20 +285,16 @@ class SyntheticCamera(RgbdCamera):
             readout_s=self._config.timing.readout_s,
         )
 
+    def _stamp_s(self, seq: int) -> float:
+        """Stamp of a frame in whole microseconds."""
+        start_s = self._pacer.start_s if self._is_live else FIRST_STAMP_S
+        return round(start_s + seq / self._config.rate_hz, 6)
+
     def _gravity(self, seq: int) -> Vector:
         """The reading of a perfect accelerometer in camera axes; the room's z is up."""
         instant_s = np.array([seq / self._config.rate_hz])
         x, y, z = (-STANDARD_GRAVITY_M_S2 * self._motion.poses(instant_s)[0, 2, :3]).tolist()
         return (x, y, z)
-
-    def _add_to_counters(self, delivered: int = 0, dropped: int = 0, skipped: int = 0) -> None:
-        now = self._counters
-        self._counters = replace(
-            now,
-            delivered=now.delivered + delivered,
-            dropped=now.dropped + dropped,
-            skipped=now.skipped + skipped,
-        )
 
 
 def _make_frame_provider(

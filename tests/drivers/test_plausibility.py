@@ -20,7 +20,9 @@ from drivers.plausibility import (
     find_unit_fault,
     measure_depth_step,
 )
-from drivers.recording_camera import RecordingCamera, log_implausible, open_recording
+from drivers.playback.camera import RecordingCamera
+from drivers.playback.frame_reader import log_implausible
+from drivers.playback.recording_formats import open_recording
 from drivers.registry import open_camera
 from tests.drivers.conftest import FolderMaker
 from vo_service.config import read_config

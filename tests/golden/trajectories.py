@@ -25,7 +25,7 @@ import llvmlite.binding
 import numpy as np
 
 from drivers.camera import PinholeCamera, PlaybackMode, RgbdCamera
-from drivers.recording_camera import RecordingCamera
+from drivers.playback.camera import RecordingCamera
 from drivers.synthetic.camera import RenderOptions, SyntheticCamera
 from drivers.synthetic.config import SyntheticConfig
 from vo_service.app import run_replay

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.camera import EndOfStream, PlaybackMode, RgbdCamera, RgbdFrame
-from drivers.recording_camera import RecordingCamera
+from drivers.playback.camera import RecordingCamera
 from tests.forked_process import ForkedProcess
 from tests.vo_service.service_process import START_TIMEOUT_S
 from tests.vo_service.service_runner import CAMERA, ServiceRunner

@@ -15,7 +15,7 @@ from drivers.bag import mcap_recorder
 from drivers.bag.mcap_recorder import McapRecorder
 from drivers.camera import PlaybackMode
 from drivers.core import UserFacingError, write_errors
-from drivers.recording_camera import open_recording
+from drivers.playback.recording_formats import open_recording
 from drivers.tum.writer import TumWriter
 from tests.full_disk import limit_file_size
 from tests.read_only_folder import read_only

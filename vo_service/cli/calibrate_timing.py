@@ -16,7 +16,7 @@ from drivers.calibration import (
     read_calibration,
 )
 from drivers.core import InputError, UserFacingError
-from drivers.recording_camera import RecordingFormat, recording_format
+from drivers.playback.recording_formats import RecordingFormat, recording_format
 from drivers.registry import ONI_SUFFIX, SENSORS
 from vo_service.cli.options import requested_topics, run_warm_up
 from vo_service.cli.recordings import open_requested

@@ -3,8 +3,8 @@
 import argparse
 from pathlib import Path
 
+from drivers.playback.frame_reader import log_implausible
 from drivers.recording.recording import Recording
-from drivers.recording_camera import log_implausible
 from vo_service.cli.options import add_camera_file_option, add_topics_option
 from vo_service.cli.recordings import RECORDING_HELP, open_and_announce
 from vo_service.signals import stop_on_signals

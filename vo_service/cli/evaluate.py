@@ -10,7 +10,7 @@ from drivers.core import InputError
 from drivers.core.geometry import MAX_STAMP_DIFFERENCE_S, Array, Trajectory
 from drivers.core.trajectory_files import read_trajectory_file
 from drivers.layouts import find_layout
-from drivers.recording_camera import RecordingFormat, recording_format
+from drivers.playback.recording_formats import RecordingFormat, recording_format
 from drivers.tum.folder import read_frame_pairs
 from drivers.tum.ground_truth import TRUTH_FILES, find_ground_truth, read_ground_truth
 from vo_service.cli.options import add_topics_option, parse_finite, parse_seconds

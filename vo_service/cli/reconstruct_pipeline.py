@@ -19,8 +19,8 @@ from drivers.core.geometry import (
     read_trajectory,
 )
 from drivers.core.write_errors import create_output_folder
+from drivers.playback.camera import RecordingCamera
 from drivers.recording.recording import Recording
-from drivers.recording_camera import RecordingCamera
 from vo_service.app import run_replay
 from vo_service.cli.loop_closure_options import make_loop_closure
 from vo_service.cli.options import load_config, prepare_kernels, requested_topics, run_warm_up

@@ -20,9 +20,9 @@ from drivers.camera import (
 )
 from drivers.core import CameraError, CameraLostError, CameraNotFoundError, InputError
 from drivers.core.geometry import Trajectory
+from drivers.playback.recording_formats import check_bag_packages
 from drivers.recording.bag_names import is_bag_file
 from drivers.recording.frame_encoding import ColorFormat
-from drivers.recording_camera import check_bag_packages
 from drivers.registry import open_camera
 from drivers.synthetic.config import SyntheticConfig
 from drivers.tum.writer import TumWriter

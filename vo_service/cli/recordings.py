@@ -6,8 +6,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from drivers.camera import PlaybackMode
+from drivers.playback.camera import RecordingCamera
+from drivers.playback.recording_formats import open_recording
 from drivers.recording.recording import Recording
-from drivers.recording_camera import RecordingCamera, open_recording
 from vo_service.cli.options import requested_topics
 from vo_service.terminal import announce, announce_if_slow
 

@@ -19,6 +19,8 @@ from drivers.core import InputError
 from drivers.core.files import check_suffix
 from drivers.core.geometry import T_BODY_CAMERA, Array, Trajectory, Vector
 from drivers.core.write_errors import WriteError
+from drivers.playback.frame_reader import FrameReader
+from drivers.playback.recording_formats import check_bag_packages
 from drivers.recording.accelerometer import AccelerometerSeries
 from drivers.recording.frame_encoding import (
     ColorFormat,
@@ -30,7 +32,6 @@ from drivers.recording.frame_encoding import (
 from drivers.recording.image_decoding import JPEG_START, BgrImage, DepthImage, UnreadableFrameError
 from drivers.recording.recorded_frames import FramePair
 from drivers.recording.recording import BagTopicsInUse, Recording
-from drivers.recording_camera import FrameReader, check_bag_packages
 from drivers.tum.writer import TumWriter
 
 if TYPE_CHECKING:  # its packages are optional

@@ -15,7 +15,8 @@ from rosbags.typesys import get_types_from_msg
 
 from drivers.bag.image_messages import COMPRESSED_DEPTH_HEADER, RVL_SIZE
 from drivers.core import InputError
-from drivers.recording_camera import RecordingCamera, open_recording, playback_offsets_s
+from drivers.playback.camera import RecordingCamera, playback_offsets_s
+from drivers.playback.recording_formats import open_recording
 from tests.drivers.bag.bag_maker import (
     COMPRESSED,
     FRAME,

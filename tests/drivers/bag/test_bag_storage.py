@@ -9,7 +9,8 @@ import pytest
 from backports import zstd
 from rosbags.rosbag2 import CompressionMode
 
-from drivers.recording_camera import RecordingCamera, open_recording
+from drivers.playback.camera import RecordingCamera
+from drivers.playback.recording_formats import open_recording
 from tests.drivers.bag.bag_maker import color_image, depth_mm, open_writer, stamp_ns
 from tests.drivers.bag.test_bag import complaint, make_bag, write_frame
 from tests.full_disk import limit_file_size

@@ -9,7 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from drivers.camera import RgbdFrame
-from drivers.recording_camera import RecordingCamera, open_recording
+from drivers.playback.camera import RecordingCamera
+from drivers.playback.recording_formats import open_recording
 from tests.drivers.bag.bag_maker import (
     COMPRESSED,
     IMAGE,

@@ -10,7 +10,8 @@ import pytest
 from drivers.calibration import DepthCameraCalibration, RigidTransform, format_calibration
 from drivers.core import InputError
 from drivers.plausibility import PlausibilityCheck
-from drivers.recording_camera import RecordingCamera, open_recording
+from drivers.playback.camera import RecordingCamera
+from drivers.playback.recording_formats import open_recording
 from tests.drivers.bag.bag_maker import (
     FRAME,
     IMAGE,

@@ -18,7 +18,8 @@ from drivers.bag.mcap_recorder import McapRecorder
 from drivers.camera import AccelerometerReading, RgbdFrame
 from drivers.core import InputError, UserFacingError, write_errors
 from drivers.core.geometry import Trajectory, rigid_transform
-from drivers.recording_camera import RecordingCamera, open_recording
+from drivers.playback.camera import RecordingCamera
+from drivers.playback.recording_formats import open_recording
 
 FrameMaker = Callable[..., RgbdFrame]
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.recording_camera import open_recording
+from drivers.playback.recording_formats import open_recording
 from tests.drivers.bag.test_bag import make_bag
 from tests.simulators.requirements import require_program
 from tests.vo_service.tools.test_convert import assert_same, convert_path, read_frames

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from drivers.calibration import TUM_CALIBRATIONS
-from drivers.recording_camera import RecordingCamera, open_recording
+from drivers.playback.camera import RecordingCamera
+from drivers.playback.recording_formats import open_recording
 from tests.drivers.bag.bag_maker import (
     IMAGE,
     INFO,

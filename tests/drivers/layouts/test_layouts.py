@@ -11,8 +11,9 @@ from drivers.camera import RgbdFrame
 from drivers.core import InputError
 from drivers.core.geometry import Array, rigid_transform, so3_exp
 from drivers.layouts import open_folder
+from drivers.playback.camera import RecordingCamera
+from drivers.playback.frame_reader import FrameReader
 from drivers.recording.recording import Recording
-from drivers.recording_camera import FrameReader, RecordingCamera
 from tests.drivers.layouts.layout_writers import WRITERS, Frame, save, write_redwood
 
 FRAMES = 4

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from drivers.camera import EndOfStream, RgbdCamera, RgbdFrame
-from drivers.recording_camera import RecordingCamera
+from drivers.playback.camera import RecordingCamera
 from drivers.tum.writer import TumWriter
 from tests.simulators.oni_writer import OniImage, OniSensor, frames_to_oni_images, write_oni
 

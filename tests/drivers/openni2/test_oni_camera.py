@@ -3,7 +3,6 @@
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +13,9 @@ from hypothesis import strategies as st
 from drivers.calibration import format_calibration, read_calibration
 from drivers.camera import EndOfStream, PlaybackMode, RgbdFrame, SensorConfig
 from drivers.core import CameraError, InputError
-from drivers.openni2 import oni_camera
 from drivers.openni2.oni_camera import OniCamera
-from drivers.openni2.playback_scheduler import RealtimeScheduler
-from drivers.recording_camera import RecordingCamera
+from drivers.playback.camera import RecordingCamera
+from tests.drivers.fake_host import FakeHost
 from tests.drivers.openni2.conftest import SIZE, make_image, make_images, read_all_frames
 from tests.resource_leaks import resources_in_use
 from tests.simulators.oni_writer import (
@@ -127,17 +125,11 @@ def test_images_without_a_partner_are_counted(tmp_path: Path, camera_file: Path)
     assert camera.unpaired == 1
 
 
-def test_realtime_drops_and_counts_late_frames(
-    tmp_path: Path, camera_file: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path, now_s = written(tmp_path / "long.oni", make_images(30)), [100.0]
-    pacer = partial(RealtimeScheduler, clock=lambda: now_s[0])
-    monkeypatch.setattr(
-        oni_camera, "make_playback_scheduler", lambda pace, stamps_s: pacer(stamps_s)
-    )
-    with OniCamera(path, camera_file, PlaybackMode.REALTIME) as camera:
+def test_realtime_drops_and_counts_late_frames(tmp_path: Path, camera_file: Path) -> None:
+    path, host = written(tmp_path / "long.oni", make_images(30)), FakeHost()
+    with OniCamera(path, camera_file, PlaybackMode.REALTIME, host=host.clock) as camera:
         first = camera.read(5.0)
-        now_s[0] += 0.3
+        host.sleep(0.3)
         second = camera.read(5.0)
         counters = camera.counters
     assert first.seq == 0

@@ -1,4 +1,4 @@
-"""Virtual cameras with cached frames, and a host whose clock only advances during sleep."""
+"""Virtual cameras with cached frames."""
 
 import contextlib
 from collections.abc import Callable
@@ -6,27 +6,14 @@ from dataclasses import replace
 from pathlib import Path
 
 from drivers.camera import EndOfStream, PlaybackMode, RgbdFrame
+from drivers.pacing import HOST_CLOCK
 from drivers.synthetic.camera import RenderOptions, SyntheticCamera
 from drivers.synthetic.config import Fault, SyntheticConfig
-from drivers.synthetic.pacing import HostClock
 from drivers.synthetic.rendered_sequence import create_sequence, files_for_config
 from drivers.synthetic.renderer import Renderer
+from tests.drivers.fake_host import FakeHost
 
 RendererFactory = Callable[[SyntheticConfig], Renderer]
-
-
-class FakeHost:
-    """A host whose clock advances only during `sleep`."""
-
-    def __init__(self) -> None:
-        self.now_s = 5000.0
-
-    def sleep(self, seconds: float) -> None:
-        self.now_s += seconds
-
-    @property
-    def clock(self) -> HostClock:
-        return HostClock(lambda: self.now_s, self.sleep)
 
 
 def read_frames(camera: SyntheticCamera) -> list[RgbdFrame]:
@@ -61,7 +48,7 @@ class CachedCameras:
         host: FakeHost | None = None,
     ) -> SyntheticCamera:
         fill_sequence(config, self._folder, self._make_renderer)
-        clock = HostClock() if host is None else host.clock
+        clock = HOST_CLOCK if host is None else host.clock
         return SyntheticCamera(config, pace, RenderOptions(cache_dir=self._folder), clock)
 
     def read_frames(self, config: SyntheticConfig, *faults: Fault) -> list[RgbdFrame]:

@@ -19,9 +19,9 @@ from drivers.synthetic.camera import RenderOptions, SyntheticCamera
 from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.rendered_sequence import create_sequence, files_for_config
 from drivers.synthetic.sensors import RenderedImages
+from tests.drivers.fake_host import FakeHost
 from tests.drivers.synthetic import idle_renderer
 from tests.drivers.synthetic.cached_cameras import (
-    FakeHost,
     RendererFactory,
     fill_sequence,
     read_frames,

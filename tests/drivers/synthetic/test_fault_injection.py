@@ -6,7 +6,8 @@ import pytest
 from drivers.camera import PlaybackMode
 from drivers.core import CameraLostError, CameraNotFoundError
 from drivers.synthetic.config import Fault, FaultKind, SyntheticConfig
-from tests.drivers.synthetic.cached_cameras import CachedCameras, FakeHost, read_frames
+from tests.drivers.fake_host import FakeHost
+from tests.drivers.synthetic.cached_cameras import CachedCameras, read_frames
 
 
 def test_a_dropped_frame_leaves_a_gap(

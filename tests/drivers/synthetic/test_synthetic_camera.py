@@ -7,7 +7,8 @@ from drivers.camera import Clock, FrameTimeout, PlaybackMode
 from drivers.core import CameraLostError, InputError
 from drivers.synthetic.camera import RenderOptions, SyntheticCamera
 from drivers.synthetic.config import ColorSensorModel, ShutterTiming, SyntheticConfig
-from tests.drivers.synthetic.cached_cameras import CachedCameras, FakeHost, read_frames
+from tests.drivers.fake_host import FakeHost
+from tests.drivers.synthetic.cached_cameras import CachedCameras, read_frames
 
 pytestmark = pytest.mark.slow
 

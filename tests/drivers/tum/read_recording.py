@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from drivers.camera import EndOfStream, RgbdFrame
-from drivers.recording_camera import RecordingCamera
+from drivers.playback.camera import RecordingCamera
 
 
 def read_recording(folder: Path) -> list[RgbdFrame]:

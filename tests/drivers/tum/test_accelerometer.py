@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from drivers.camera import AccelerometerReading, RgbdFrame
 from drivers.core import InputError
 from drivers.core.geometry import Vector
-from drivers.recording_camera import RecordingCamera
+from drivers.playback.camera import RecordingCamera
 from drivers.tum.accelerometer import ACCELEROMETER_FILE, AccelerometerWriter, read_accelerometer
 from drivers.tum.writer import TumWriter
 

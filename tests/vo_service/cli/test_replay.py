@@ -17,8 +17,8 @@ from drivers.bag.bag_writer import Ros1Writer
 from drivers.bag.frame_writer import FrameWriter
 from drivers.clock_jumps import MAX_STALE_FRAMES
 from drivers.core.geometry import read_trajectory
+from drivers.playback.recording_formats import open_recording
 from drivers.recording.frame_encoding import FrameStamps
-from drivers.recording_camera import open_recording
 from tests.conftest import FRAMES
 from tests.vo_service.cli.cli_runner import (
     CommandResult,

@@ -15,7 +15,7 @@ from rosbags.highlevel import AnyReader
 from drivers.camera import PlaybackMode
 from drivers.core import InputError, UserFacingError, write_errors
 from drivers.core.geometry import T_BODY_CAMERA, Trajectory, rigid_transform
-from drivers.recording_camera import open_recording
+from drivers.playback.recording_formats import open_recording
 from tests.full_disk import limit_file_size
 from tests.waiting import wait_until
 from vo_service.outputs.mcap_recording import open_mcap_recording

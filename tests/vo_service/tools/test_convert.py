@@ -15,7 +15,8 @@ from drivers.bag.bag_storage import BagStorage
 from drivers.bag.mcap_recorder import McapRecorder
 from drivers.camera import AccelerometerReading, RgbdFrame
 from drivers.core import InputError, UserFacingError
-from drivers.recording_camera import RecordingCamera, open_recording
+from drivers.playback.camera import RecordingCamera
+from drivers.playback.recording_formats import open_recording
 from tests.drivers.bag.bag_maker import (
     FRAME,
     IMAGE,

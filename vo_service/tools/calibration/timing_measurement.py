@@ -16,8 +16,8 @@ from drivers.calibration import (
 )
 from drivers.camera import PlaybackMode, RgbdCamera, RgbdFrame, SensorConfig
 from drivers.core import InputError
+from drivers.playback.camera import RecordingCamera
 from drivers.recording.recording import ImageTopics
-from drivers.recording_camera import RecordingCamera
 from drivers.registry import open_camera
 from vo_service.odometry.direct.calibration import CalibrationFilter
 from vo_service.odometry.direct.calibration_equations import TIMING

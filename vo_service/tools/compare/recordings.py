@@ -11,8 +11,9 @@ import numpy as np
 
 from drivers.core import InputError
 from drivers.core.geometry import Array, Trajectory, has_match, nearest_indices
+from drivers.playback.frame_reader import log_implausible
+from drivers.playback.recording_formats import open_recording
 from drivers.recording.recording import ImageTopics, Recording
-from drivers.recording_camera import log_implausible, open_recording
 from vo_service.terminal import announce, announce_if_slow
 from vo_service.tools.evaluation.gaps import Gap, find_gaps
 

@@ -18,9 +18,10 @@ from numba.core.event import install_recorder
 from drivers.camera import RgbdFrame
 from drivers.core import UserFacingError
 from drivers.core.geometry import Trajectory
+from drivers.playback.frame_reader import FrameReader
+from drivers.playback.recording_formats import open_recording
 from drivers.recording.image_decoding import UnreadableFrameError
 from drivers.recording.recording import Recording
-from drivers.recording_camera import FrameReader, open_recording
 from vo_service.odometry.stage_timers import CpuStageTimer
 from vo_service.tools.compare.batch import RunPreparing, RunProgress, RunRequest
 from vo_service.tools.compare.methods import MethodFactory

@@ -10,7 +10,7 @@ import pytest
 
 from drivers.camera import PlaybackMode, RgbdFrame
 from drivers.core.geometry import inverse
-from drivers.recording_camera import RecordingCamera
+from drivers.playback.camera import RecordingCamera
 from tests.vo_service.odometry.estimate_checks import (
     assert_counts_consistent,
     assert_starts_at_origin,

@@ -16,9 +16,9 @@ from drivers.calibration import CameraCalibration
 from drivers.camera import RgbdFrame
 from drivers.core import InputError
 from drivers.core.geometry import Array, inverse
+from drivers.playback.frame_reader import FrameReader
 from drivers.recording.image_decoding import UnreadableFrameError
 from drivers.recording.recording import Recording
-from drivers.recording_camera import FrameReader
 from vo_service.tools.compare.baselines.orb_vocabulary import Descriptors, VocabularyFile
 from vo_service.tools.compare.baselines.registry import ORB_SLAM3, PYORBSLAM3
 from vo_service.tools.compare.baselines.vocabulary_training import (

@@ -1,32 +1,27 @@
+"""The frames between the thread that decodes and the reader; `test_pacing` has their timing."""
+
 import threading
 from collections.abc import Callable
 
 import pytest
 
-from drivers.camera import CameraCounters, EndOfStream, FrameTimeout, RgbdFrame
+from drivers.camera import CameraCounters, EndOfStream, FrameTimeout, PlaybackMode, RgbdFrame
 from drivers.core import CameraError
-from drivers.recording_camera import (
-    MAX_BUFFERED_FRAMES,
-    BufferClosedError,
-    LockstepBuffer,
-    RealtimeBuffer,
-)
+from drivers.pacing import make_pacer
+from drivers.playback.frame_buffer import MAX_BUFFERED_FRAMES, BufferClosedError, FrameBuffer
+from tests.drivers.fake_host import FakeHost
 
 FrameMaker = Callable[..., RgbdFrame]
-TENTHS = [k / 10 for k in range(20)]
 
 
-class ManualClock:
-    """A clock that is set by hand."""
-
-    now_s = 50.0
-
-    def __call__(self) -> float:
-        return self.now_s
+def make_buffer(mode: PlaybackMode, host: FakeHost | None = None) -> FrameBuffer:
+    """A buffer of twenty frames, of which one is due each tenth of a second."""
+    clock = [] if host is None else [host.clock]
+    return FrameBuffer(make_pacer(mode, lambda seq: seq / 10, 20, *clock))
 
 
 def test_lockstep_delivers_every_frame_in_order(make_frame: FrameMaker) -> None:
-    buffer = LockstepBuffer()
+    buffer = make_buffer(PlaybackMode.LOCKSTEP)
     for seq in range(3):
         buffer.put(make_frame(seq))
     buffer.finish(EndOfStream())
@@ -38,7 +33,7 @@ def test_lockstep_delivers_every_frame_in_order(make_frame: FrameMaker) -> None:
 
 
 def test_lockstep_blocks_the_decoder_while_the_buffer_is_full(make_frame: FrameMaker) -> None:
-    buffer = LockstepBuffer()
+    buffer = make_buffer(PlaybackMode.LOCKSTEP)
     for seq in range(MAX_BUFFERED_FRAMES - 1):
         buffer.put(make_frame(seq))
     decoder = threading.Thread(target=buffer.put, args=[make_frame(9)])
@@ -50,19 +45,15 @@ def test_lockstep_blocks_the_decoder_while_the_buffer_is_full(make_frame: FrameM
     assert not decoder.is_alive()
 
 
-@pytest.mark.parametrize("buffer", [LockstepBuffer(), RealtimeBuffer(TENTHS)], ids=type)
-def test_a_reader_gets_a_timeout_if_there_is_no_frame(
-    buffer: LockstepBuffer | RealtimeBuffer,
-) -> None:
+@pytest.mark.parametrize("mode", PlaybackMode)
+def test_a_reader_gets_a_timeout_if_there_is_no_frame(mode: PlaybackMode) -> None:
     with pytest.raises(FrameTimeout):
-        buffer.get(0.01)
+        make_buffer(mode).get(0.01)
 
 
-@pytest.mark.parametrize("kind", [LockstepBuffer, lambda: RealtimeBuffer(TENTHS)])
-def test_closing_wakes_both_threads(
-    kind: Callable[[], LockstepBuffer], make_frame: FrameMaker
-) -> None:
-    full = kind()
+@pytest.mark.parametrize("mode", PlaybackMode)
+def test_closing_wakes_both_threads(mode: PlaybackMode, make_frame: FrameMaker) -> None:
+    full = make_buffer(mode)
     for seq in range(MAX_BUFFERED_FRAMES - 1):
         full.put(make_frame(seq))
     decoder = threading.Thread(target=full.put, args=[make_frame(MAX_BUFFERED_FRAMES - 1)])
@@ -74,7 +65,7 @@ def test_closing_wakes_both_threads(
     assert not decoder.is_alive()
     with pytest.raises(BufferClosedError):
         full.put(make_frame(9))
-    empty = kind()
+    empty = make_buffer(mode)
     threading.Timer(0.05, empty.close).start()
     with pytest.raises(CameraError, match="not open"):
         empty.get(30)
@@ -83,7 +74,7 @@ def test_closing_wakes_both_threads(
 def test_the_decoder_error_follows_the_last_frame(
     make_frame: FrameMaker,
 ) -> None:
-    buffer = LockstepBuffer()
+    buffer = make_buffer(PlaybackMode.LOCKSTEP)
     buffer.put(make_frame(0))
     buffer.finish(MemoryError("no room"))
     assert buffer.get(0).seq == 0
@@ -91,63 +82,40 @@ def test_the_decoder_error_follows_the_last_frame(
         buffer.get(0)
 
 
-def test_realtime_starts_with_the_first_read(make_frame: FrameMaker) -> None:
-    clock = ManualClock()
-    buffer = RealtimeBuffer(TENTHS, clock=clock)
-    buffer.put(make_frame(0))
-    clock.now_s += 100
-    assert buffer.next_index(1) == 1
-    assert buffer.get(0).receive_time_s == clock.now_s
-
-
-def test_realtime_never_delivers_early(make_frame: FrameMaker) -> None:
-    clock = ManualClock()
-    buffer = RealtimeBuffer(TENTHS, clock=clock)
+def test_realtime_receives_a_frame_when_it_is_due(make_frame: FrameMaker) -> None:
+    host = FakeHost()
+    buffer = make_buffer(PlaybackMode.REALTIME, host)
     buffer.put(make_frame(0))
     buffer.put(make_frame(1))
-    assert buffer.get(0).seq == 0
-    clock.now_s += 0.09
+    assert buffer.get(0).receive_time_s == host.now_s
+    host.sleep(0.09)
     with pytest.raises(FrameTimeout):
         buffer.get(0)
-    clock.now_s += 0.02
-    frame = buffer.get(0)
-    assert frame.seq == 1
-    assert frame.receive_time_s == pytest.approx(50.1)
+    host.sleep(0.02)
+    assert buffer.get(0).receive_time_s == pytest.approx(5000.1)
 
 
-def test_realtime_gives_a_late_reader_the_newest_frame_and_counts_dropped_ones(
-    make_frame: FrameMaker,
-) -> None:
-    clock = ManualClock()
-    buffer = RealtimeBuffer(TENTHS, clock=clock)
+def test_realtime_drops_and_counts_outdated_frames_decoded_or_not(make_frame: FrameMaker) -> None:
+    host = FakeHost()
+    buffer = make_buffer(PlaybackMode.REALTIME, host)
     buffer.put(make_frame(0))
     buffer.get(0)
     for seq in (1, 2, 3):
         buffer.put(make_frame(seq))
-    clock.now_s += 0.25
+    host.sleep(0.25)
     assert buffer.get(0).seq == 2
     assert buffer.counters == CameraCounters(delivered=2, dropped=1)
-
-
-def test_realtime_does_not_decode_stale_frames(make_frame: FrameMaker) -> None:
-    clock = ManualClock()
-    buffer = RealtimeBuffer(TENTHS, clock=clock)
-    buffer.put(make_frame(0))
-    buffer.get(0)
-    clock.now_s += 0.75
-    assert buffer.next_index(1) == 7
-    assert buffer.counters.dropped == 6
-    clock.now_s += 1000
-    assert buffer.next_index(8) == 19
-    assert buffer.next_index(20) == 20
+    host.sleep(0.5)
+    assert buffer.next_index(4) == 7
+    assert buffer.counters == CameraCounters(delivered=2, dropped=4)
 
 
 def test_realtime_decodes_while_the_reader_is_blocked(make_frame: FrameMaker) -> None:
-    clock = ManualClock()
-    buffer = RealtimeBuffer(TENTHS, clock=clock)
+    host = FakeHost()
+    buffer = make_buffer(PlaybackMode.REALTIME, host)
     buffer.put(make_frame(0))
     buffer.get(0)
-    clock.now_s += 5
+    host.sleep(5)
     for seq in range(1, 12):
         buffer.put(make_frame(seq))
     buffer.finish(EndOfStream())

@@ -1,0 +1,1 @@
+"""Playback of recorded folders and bags as a camera."""

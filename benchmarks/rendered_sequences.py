@@ -25,10 +25,10 @@ from numpy.typing import NDArray
 from benchmarks.features import read_gray
 from benchmarks.harness import Variants
 from benchmarks.tracking import read_all_frames
-from drivers.camera import PinholeCamera, PlaybackMode, RgbdFrame
+from drivers.camera import PinholeCamera, PlaybackMode, RgbdCamera, RgbdFrame
 from drivers.core import InputError
 from drivers.core.geometry import Array, read_trajectory, transform_points
-from drivers.synthetic.camera import RenderOptions, SyntheticCamera
+from drivers.synthetic.camera import RenderOptions, SyntheticCamera, make_synthetic_camera
 from drivers.synthetic.config import NO_DISTORTION, ShutterTiming, SyntheticConfig
 from drivers.synthetic.sensors import RenderedImages
 from drivers.tum.writer import TumWriter
@@ -130,13 +130,14 @@ def render(folder: Path, config: SyntheticConfig) -> None:
     part = folder.with_name(f"{folder.name}.part")
     shutil.rmtree(part, ignore_errors=True)
     once = replace(config, loop=False)
-    with SyntheticCamera(once, PlaybackMode.LOCKSTEP, RenderOptions(threads=1)) as camera:
+    options = RenderOptions(threads=1)
+    with make_synthetic_camera(once, PlaybackMode.LOCKSTEP, options) as camera:
         _write(camera, part)
     (part / CONFIG_RECORD).write_text(f"{config}\n")
     part.rename(folder)
 
 
-def _write(camera: SyntheticCamera, folder: Path) -> None:
+def _write(camera: RgbdCamera, folder: Path) -> None:
     with TumWriter(folder, ground_truth=camera.ground_truth) as writer:
         for frame in read_all_frames(camera):
             writer.write(frame)

@@ -6,16 +6,14 @@ from collections.abc import Callable
 from enum import StrEnum
 
 from drivers.camera import (
-    CameraCounters,
     CameraState,
     CameraStatus,
     FrameTimeout,
-    Led,
     RgbdCamera,
     RgbdFrame,
 )
+from drivers.camera_wrapper import CameraWrapper
 from drivers.core import CameraError, CameraLostError, CameraNotFoundError
-from drivers.core.geometry import Trajectory
 from drivers.core.rate_limits import ExponentialBackoff
 
 INITIAL_RETRY_S, MAX_RETRY_S = 0.2, 1.5
@@ -31,7 +29,7 @@ class ConnectionPhase(StrEnum):
     WAITING = "waiting to open the camera again"
 
 
-class ReconnectingCamera(RgbdCamera):
+class ReconnectingCamera(CameraWrapper):
     """A camera that is opened again whenever it is lost.
 
     `open` tries it once; `read` tries it again when that is due, and times out while the camera is
@@ -52,8 +50,6 @@ class ReconnectingCamera(RgbdCamera):
         phase: What happens with the camera.
     """
 
-    reconnects = True
-
     def __init__(
         self,
         camera: RgbdCamera,
@@ -63,17 +59,15 @@ class ReconnectingCamera(RgbdCamera):
         on_phase: Callable[[ConnectionPhase], None] = lambda phase: None,
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.name, self.clock = camera.name, camera.clock
+        super().__init__(camera)
+        self.reconnects = True
         self.loss: CameraError | None = None
-        self._camera, self._first_frame_s, self._on_phase = camera, first_frame_s, on_phase
+        self._first_frame_s, self._on_phase = first_frame_s, on_phase
         self._now_s = now_s
         self._backoff = backoff or ExponentialBackoff(INITIAL_RETRY_S, MAX_RETRY_S)
         self._status, self.phase = status, ConnectionPhase.CLOSING
         self._is_open = False
         self._retry_due_s, self._waited_s = 0.0, 0.0
-
-    def prepare(self) -> None:
-        self._camera.prepare()
 
     def open(self) -> None:
         """Open the camera if it is there. Raises InputError, but no CameraError."""
@@ -118,32 +112,6 @@ class ReconnectingCamera(RgbdCamera):
         status = self._camera.status
         is_streaming = status.state is CameraState.STREAMING  # the status of most cameras
         return CameraStatus(CameraState.STARTING) if is_streaming else status
-
-    @property
-    def counters(self) -> CameraCounters:
-        return self._camera.counters
-
-    @property
-    def intrinsics_source(self) -> str:
-        return self._camera.intrinsics_source
-
-    @property
-    def has_motor(self) -> bool:
-        return self._camera.has_motor
-
-    def set_tilt_deg(self, tilt_deg: float) -> None:
-        self._camera.set_tilt_deg(tilt_deg)
-
-    def set_led(self, led: Led) -> None:
-        self._camera.set_led(led)
-
-    @property
-    def frame_count(self) -> int | None:
-        return self._camera.frame_count
-
-    @property
-    def ground_truth(self) -> Trajectory | None:
-        return self._camera.ground_truth
 
     def _wait_until_due(self, timeout_s: float) -> None:
         """Wait until the camera is to be opened. Raises FrameTimeout after `timeout_s`."""

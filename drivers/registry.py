@@ -157,7 +157,7 @@ def make_recording(request: CameraRequest) -> RgbdCamera:
 
 def make_synthetic(request: CameraRequest) -> RgbdCamera:
     from drivers.core.folders import cache_folder
-    from drivers.synthetic.camera import RenderOptions, SyntheticCamera
+    from drivers.synthetic.camera import RenderOptions, make_synthetic_camera
     from drivers.synthetic.config import SyntheticConfig
 
     if request.argument:
@@ -171,7 +171,7 @@ def make_synthetic(request: CameraRequest) -> RgbdCamera:
         )
     preparation = RenderOptions(cache_folder() / "sequences")
     config = request.synthetic or SyntheticConfig.fast()
-    return SyntheticCamera(config, request.playback_mode, preparation)
+    return make_synthetic_camera(config, request.playback_mode, preparation)
 
 
 def make_freenect(request: CameraRequest) -> RgbdCamera:

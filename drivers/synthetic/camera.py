@@ -22,84 +22,18 @@ from drivers.camera import (
 )
 from drivers.core import CameraError, CameraLostError, CameraNotFoundError, InputError
 from drivers.core.geometry import STANDARD_GRAVITY_M_S2, Trajectory, Vector
+from drivers.faulty_camera import FaultKind, FaultyCamera
 from drivers.pacing import HOST_CLOCK, HostClock, make_pacer
 from drivers.synthetic.background_frame_provider import BackgroundFrameProvider
-from drivers.synthetic.config import Fault, FaultKind, SyntheticConfig
+from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.motions import make_motion
 from drivers.synthetic.on_demand_frame_provider import OnDemandFrameProvider
 from drivers.synthetic.room import ROOM_HEIGHT_M
-from drivers.synthetic.sensors import ImageSource, RenderedImages
 
 FIRST_STAMP_S = 1000.0  # in lockstep
-DARK_GAIN = 0.02
-DARK_NOISE_SIGMA = 3.0
 
 # Provides the frames of a configuration in a loop.
 FrameProvider = OnDemandFrameProvider | BackgroundFrameProvider
-
-
-@dataclass(frozen=True)
-class FaultInjector:
-    """Applies `faults` to the images and stamps of `source`."""
-
-    source: ImageSource
-    faults: tuple[Fault, ...]
-    seed: int
-
-    def has_fault(self, kind: FaultKind, index: int) -> bool:
-        """Whether frame `index` has a fault of `kind`."""
-        return any(fault.kind is kind and fault.applies_to(index) for fault in self.faults)
-
-    def read_images(self, index: int) -> RenderedImages:
-        """Read the images of frame `index` with its faults."""
-        images = self.source(self._last_unaffected(FaultKind.FROZEN, index))
-        if self.has_fault(FaultKind.TORN, index):
-            images = _tear(images, self.source(max(index - 1, 0)))
-        if self.has_fault(FaultKind.DARK, index):
-            images = _darken(images, np.random.default_rng([self.seed, 6, index]))
-        if self.has_fault(FaultKind.BLACK, index):
-            images = RenderedImages(np.zeros_like(images.color_bgr), images.depth_raw)
-        if self.has_fault(FaultKind.COVERED, index):
-            images = RenderedImages(
-                np.zeros_like(images.color_bgr), np.zeros_like(images.depth_raw)
-            )
-        if self.has_fault(FaultKind.NOISE, index):
-            images = _replace_with_noise(images, np.random.default_rng([self.seed, 7, index]))
-        return images
-
-    def stamp_source(self, index: int) -> tuple[int, float]:
-        """The frame whose stamp frame `index` has, and the error of that stamp in seconds."""
-        offset_s = sum(
-            fault.seconds
-            for fault in self.faults
-            if fault.kind is FaultKind.STAMP_JUMP and fault.applies_to(index)
-        )
-        return self._last_unaffected(FaultKind.STAMP_REPEAT, index), offset_s
-
-    def _last_unaffected(self, kind: FaultKind, index: int) -> int:
-        """The last frame up to `index` without a fault of `kind`."""
-        while index > 0 and self.has_fault(kind, index):
-            index -= 1
-        return index
-
-
-def _tear(new: RenderedImages, old: RenderedImages) -> RenderedImages:
-    color, depth = new.color_bgr.copy(), new.depth_raw.copy()
-    half = len(depth) // 2
-    color[half:], depth[half:] = old.color_bgr[half:], old.depth_raw[half:]
-    return RenderedImages(color, depth)
-
-
-def _darken(images: RenderedImages, rng: np.random.Generator) -> RenderedImages:
-    noise = DARK_NOISE_SIGMA * rng.standard_normal(images.color_bgr.shape, dtype=np.float32)
-    color = np.clip(images.color_bgr * np.float32(DARK_GAIN) + noise + 0.5, 0, 255)
-    return RenderedImages(color.astype(np.uint8), images.depth_raw)
-
-
-def _replace_with_noise(images: RenderedImages, rng: np.random.Generator) -> RenderedImages:
-    color = rng.integers(0, 256, images.color_bgr.shape, np.uint8)
-    farthest = max(1, int(images.depth_raw.max()))
-    return RenderedImages(color, rng.integers(0, farthest, images.depth_raw.shape, np.uint16))
 
 
 # A live reader checks this often which frame is due while none is rendered.
@@ -124,7 +58,8 @@ class SyntheticCamera(RgbdCamera):
     """A camera in a virtual room, see `SyntheticConfig`. Stamps are exact to the microsecond.
 
     In lockstep, stamps start at a fixed value: two runs give the same bytes. Live, frames that are
-    not rendered in time are dropped.
+    not rendered in time are dropped. Of the faults it has only those that unplug it; see
+    `make_synthetic_camera`.
     """
 
     def __init__(
@@ -137,7 +72,7 @@ class SyntheticCamera(RgbdCamera):
         """Create a closed camera.
 
         Args:
-            config: The room, the motion, the sensor and the faults.
+            config: The room, the motion and the sensor.
             playback_mode: Lockstep delivers every frame; realtime drops late ones.
             render_options: Where and how frames are rendered.
             host: Clock and sleep function; tests replace it.
@@ -158,8 +93,8 @@ class SyntheticCamera(RgbdCamera):
         self._motion = make_motion(config, ROOM_HEIGHT_M)
         self._last_seq = count - 1
         self._frame_provider = _make_frame_provider(config, playback_mode, render_options)
-        self._fault_injector = FaultInjector(self._frame_provider.read, config.faults, config.seed)
-        self._pending_unplugs = [f for f in config.faults if f.kind is FaultKind.UNPLUGGED]
+        self._unplugs = [each for each in config.faults if each.kind is FaultKind.UNPLUGGED]
+        self._pending_unplugs = list(self._unplugs)
         self._is_open = self._is_disconnected = self._has_started = False
         self._next_seq = 0
         self._reconnect_time_s = 0.0
@@ -181,9 +116,7 @@ class SyntheticCamera(RgbdCamera):
         else:
             self._pacer.rewind()
             self._next_seq = 0
-            self._pending_unplugs = [
-                f for f in self._config.faults if f.kind is FaultKind.UNPLUGGED
-            ]
+            self._pending_unplugs = list(self._unplugs)
         self._is_open, self._is_disconnected = True, False
 
     def read(self, timeout_s: float) -> RgbdFrame:
@@ -203,14 +136,9 @@ class SyntheticCamera(RgbdCamera):
                 if self._remaining_s(deadline_s) <= 0.0:
                     raise FrameTimeout
                 continue
-            while seq > self._next_seq and self._fault_injector.has_fault(FaultKind.DROPPED, seq):
-                seq -= 1
-            dropped, self._next_seq = seq - self._next_seq, seq + 1
-            self._counters += CameraCounters(dropped=dropped)
-            if not self._fault_injector.has_fault(FaultKind.DROPPED, seq):
-                self._counters += CameraCounters(delivered=1)
-                return self._make_frame(seq, self._fault_injector)
-            self._counters += CameraCounters(skipped=1)
+            self._counters += CameraCounters(delivered=1, dropped=seq - self._next_seq)
+            self._next_seq = seq + 1
+            return self._make_frame(seq)
 
     def close(self) -> None:
         self._is_open = False
@@ -224,7 +152,6 @@ class SyntheticCamera(RgbdCamera):
 
     @property
     def counters(self) -> CameraCounters:
-        """See `RgbdCamera`; `skipped` counts the frames dropped by a fault of the configuration."""
         return self._counters
 
     @property
@@ -266,10 +193,9 @@ class SyntheticCamera(RgbdCamera):
         self._is_open, self._is_disconnected = False, True
         raise CameraLostError("synthetic camera: unplugged by a configured fault; open it again")
 
-    def _make_frame(self, seq: int, fault_injector: FaultInjector) -> RgbdFrame:
-        images = fault_injector.read_images(seq)
-        stamp_seq, stamp_offset_s = fault_injector.stamp_source(seq)
-        stamp_s = round(self._stamp_s(stamp_seq) + stamp_offset_s, 6)
+    def _make_frame(self, seq: int) -> RgbdFrame:
+        images = self._frame_provider.read(seq)
+        stamp_s = self._stamp_s(seq)
         x, y, z = gravity_m_s2 = self._gravity(seq)
         return RgbdFrame(
             seq=seq,
@@ -295,6 +221,17 @@ class SyntheticCamera(RgbdCamera):
         instant_s = np.array([seq / self._config.rate_hz])
         x, y, z = (-STANDARD_GRAVITY_M_S2 * self._motion.poses(instant_s)[0, 2, :3]).tolist()
         return (x, y, z)
+
+
+def make_synthetic_camera(
+    config: SyntheticConfig,
+    playback_mode: PlaybackMode = PlaybackMode.LOCKSTEP,
+    render_options: RenderOptions = RenderOptions(),
+    host: HostClock = HOST_CLOCK,
+) -> RgbdCamera:
+    """Make a virtual Kinect with all faults of its configuration; see `SyntheticCamera`."""
+    camera = SyntheticCamera(config, playback_mode, render_options, host)
+    return FaultyCamera(camera, config.faults, config.seed) if config.faults else camera
 
 
 def _make_frame_provider(

@@ -7,6 +7,7 @@ from typing import Annotated, Self
 
 from drivers.camera import PinholeCamera
 from drivers.core.config import Field, FieldError
+from drivers.faulty_camera import Fault
 
 KINECT_COLOR = PinholeCamera(640, 480, 525.0, 525.0, 319.5, 239.5)
 NO_DISTORTION = (0.0, 0.0, 0.0, 0.0, 0.0)
@@ -25,42 +26,6 @@ class MotionKind(StrEnum):
     WALL_DRIVE = "wall-drive"  # the same from a robot that drives along the wall
     FAST_TURN = "fast-turn"  # a hand that turns away and back, each in half a second
     CREEP = "creep"  # straight on at a millimeter a second
-
-
-class FaultKind(StrEnum):
-    """Kinds of faults."""
-
-    DROPPED = "dropped"  # the frame is not delivered
-    FROZEN = "frozen"  # the images of the last good frame again, with a new stamp
-    BLACK = "black"  # the color image is black
-    TORN = "torn"  # upper half new, lower half of the frame before
-    DARK = "dark"  # the lights are off: color is mostly noise; depth needs no light
-    COVERED = "covered"  # the camera is covered: color is black, and depth has no readings
-    NOISE = "noise"  # only noise, in color and in depth
-    STAMP_JUMP = "stamp-jump"  # stamps are off by `seconds`
-    STAMP_REPEAT = "stamp-repeat"  # the stamp of the frame before
-    UNPLUGGED = "unplugged"  # disconnected at this frame, back after `seconds`
-
-
-@dataclass(frozen=True)
-class Fault:
-    """A fault of `count` frames from frame `first`; `seconds` if the kind needs it."""
-
-    kind: Annotated[FaultKind, "kind of fault"]
-    first: Annotated[int, Field("number of the first affected frame, from 0", minimum=0)]
-    count: Annotated[int, Field("number of affected frames", minimum=1)] = 1
-    seconds: Annotated[float, "size of a stamp jump, or how long an unplugged camera is away"] = 0.0
-
-    def __post_init__(self) -> None:
-        if self.first < 0 or self.count < 1:
-            name = "first" if self.first < 0 else "count"
-            raise FieldError((name,), "first must be at least 0 and count at least 1")
-        if self.kind is FaultKind.UNPLUGGED and self.seconds <= 0:
-            raise FieldError(("seconds",), "seconds must be given: how long the camera is away")
-
-    def applies_to(self, index: int) -> bool:
-        """Whether frame `index` is affected."""
-        return self.first <= index < self.first + self.count
 
 
 @dataclass(frozen=True)

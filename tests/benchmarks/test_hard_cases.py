@@ -24,7 +24,8 @@ from benchmarks.tracking import TrackedSequence, open_frames_with_truth, track
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core import PluginGroup
 from drivers.core.geometry import Trajectory, rigid_transform, so3_exp
-from drivers.synthetic.config import Fault, FaultKind, MotionKind, SyntheticConfig
+from drivers.faulty_camera import Fault, FaultKind
+from drivers.synthetic.config import MotionKind, SyntheticConfig
 from tests.vo_service.fakes import make_frame
 from vo_service.types.estimate import Estimate
 

@@ -14,7 +14,8 @@ from benchmarks.rendered_sequences import (
 )
 from drivers.camera import PinholeCamera
 from drivers.core import InputError
-from drivers.synthetic.config import Fault, FaultKind, MotionKind, SyntheticConfig
+from drivers.faulty_camera import Fault, FaultKind
+from drivers.synthetic.config import MotionKind, SyntheticConfig
 from drivers.tum.folder import open_tum_folder
 
 pytestmark = pytest.mark.slow

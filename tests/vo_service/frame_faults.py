@@ -5,12 +5,10 @@ on no clock.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from drivers.camera import CameraCounters, Clock, EndOfStream, RgbdCamera, RgbdFrame
-from drivers.synthetic.camera import FaultInjector
-from drivers.synthetic.config import Fault, FaultKind
-from drivers.synthetic.sensors import RenderedImages
+from drivers.faulty_camera import Fault, FaultKind, FaultyCamera
 from tests.vo_service.corner_sequence import corner_pose
 from tests.vo_service.odometry.synthetic_views import render_corner
 
@@ -80,20 +78,24 @@ def faulty_frames(fault: FrameFault) -> range:
     return range(first, first + fault.count)
 
 
-class FaultyCamera(RgbdCamera):
+def faulty_corner(faults: Sequence[FrameFault] = FRAME_FAULTS) -> FaultyCamera:
     """Past a corner and back, round and round, through faults of the table; then it ends."""
+    struck = tuple(
+        Fault(each.kind, faulty_frames(each).start, each.count, each.seconds) for each in faults
+    )
+    count = max((frame_span(each).stop for each in faults), default=2 * GOOD_FRAMES)
+    return FaultyCamera(CornerCamera(count), struck, seed=1)
+
+
+class CornerCamera(RgbdCamera):
+    """Past a corner and back, round and round, for `count` frames."""
 
     name = "sequence"
     clock = Clock.RECORDED
 
-    def __init__(self, faults: Sequence[FrameFault] = FRAME_FAULTS) -> None:
+    def __init__(self, count: int) -> None:
         self._views = [render_corner(corner_pose(seq), seq) for seq in range(VIEW_COUNT)]
-        struck = tuple(
-            Fault(each.kind, faulty_frames(each).start, each.count, each.seconds) for each in faults
-        )
-        self._source = FaultInjector(self._images, struck, seed=1)
-        self._count = max((frame_span(each).stop for each in faults), default=2 * GOOD_FRAMES)
-        self._next = 0
+        self._count, self._next = count, 0
 
     def open(self) -> None:
         """Begin."""
@@ -104,17 +106,7 @@ class FaultyCamera(RgbdCamera):
         if self._next >= self._count:
             raise EndOfStream
         seq, self._next = self._next, self._next + 1
-        images, (stamped_as, off_s) = self._source.read_images(seq), self._source.stamp_source(seq)
-        view = self._views[0]
-        return RgbdFrame(
-            seq=seq,
-            stamp_s=1000.0 + stamped_as / 30.0 + off_s,
-            receive_time_s=0.0,
-            color_bgr=images.color_bgr,
-            depth_raw=images.depth_raw,
-            depth_factor=view.depth_factor,
-            camera=view.camera,
-        )
+        return replace(self._views[view_index(seq)], seq=seq, stamp_s=1000.0 + seq / 30.0)
 
     def close(self) -> None:
         """Nothing to release."""
@@ -123,10 +115,6 @@ class FaultyCamera(RgbdCamera):
     def counters(self) -> CameraCounters:
         """All of them are delivered."""
         return CameraCounters(delivered=self._next)
-
-    def _images(self, seq: int) -> RenderedImages:
-        view = self._views[view_index(seq)]
-        return RenderedImages(view.color_bgr, view.depth_raw)
 
 
 def view_index(seq: int) -> int:

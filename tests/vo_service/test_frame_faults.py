@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
+from drivers.camera import RgbdCamera
 from drivers.core.geometry import R_BODY_OPTICAL, Array
 from tests.ports import free_port
 from tests.vo_service.corner_sequence import corner_pose
@@ -14,8 +15,8 @@ from tests.vo_service.fakes import CollectingOutput
 from tests.vo_service.frame_faults import (
     FRAME_FAULTS,
     GOOD_FRAMES,
-    FaultyCamera,
     FrameFault,
+    faulty_corner,
     faulty_frames,
     frame_span,
     view_index,
@@ -68,7 +69,7 @@ class ClockSetter(CollectingOutput):
         return time.time() + self._off_s
 
 
-def shown(sequence: FaultyCamera, collector: CollectingOutput) -> ReceivedSequence:
+def shown(sequence: RgbdCamera, collector: CollectingOutput) -> ReceivedSequence:
     """The sequence through the loop and over Zenoh, every frame of it."""
     result = ReceivedSequence()
     at = f"tcp/127.0.0.1:{free_port()}"
@@ -90,7 +91,7 @@ def shown(sequence: FaultyCamera, collector: CollectingOutput) -> ReceivedSequen
 @pytest.fixture(scope="module")
 def sequence() -> ReceivedSequence:
     """Every fault, one after another."""
-    return shown(FaultyCamera(), CollectingOutput())
+    return shown(faulty_corner(), CollectingOutput())
 
 
 @pytest.mark.parametrize("fault", FRAME_FAULTS, ids=lambda fault: fault.name.replace(" ", "-"))
@@ -116,7 +117,7 @@ def test_a_clock_that_is_set_starts_an_epoch_and_changes_nothing_else(
     setter = ClockSetter({GOOD_FRAMES: step_s})
     clock = LiveClock(realtime_s=setter.now_s)
     monkeypatch.setattr(session, "make_publish_clock", lambda *_: clock)
-    sequence = shown(FaultyCamera(faults=()), setter)
+    sequence = shown(faulty_corner(faults=()), setter)
     before, after = sequence.received.poses[GOOD_FRAMES : GOOD_FRAMES + 2]
     assert (after.epoch, after.reason) == (before.epoch + 1, "clock_step")
     assert after.stamp_s - before.stamp_s == pytest.approx(step_s + 1 / 30, abs=0.02)

@@ -5,10 +5,11 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from drivers.camera import EndOfStream, PlaybackMode, RgbdFrame
+from drivers.camera import EndOfStream, PlaybackMode, RgbdCamera, RgbdFrame
+from drivers.faulty_camera import Fault
 from drivers.pacing import HOST_CLOCK
-from drivers.synthetic.camera import RenderOptions, SyntheticCamera
-from drivers.synthetic.config import Fault, SyntheticConfig
+from drivers.synthetic.camera import RenderOptions, make_synthetic_camera
+from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.rendered_sequence import create_sequence, files_for_config
 from drivers.synthetic.renderer import Renderer
 from tests.drivers.fake_host import FakeHost
@@ -16,7 +17,7 @@ from tests.drivers.fake_host import FakeHost
 RendererFactory = Callable[[SyntheticConfig], Renderer]
 
 
-def read_frames(camera: SyntheticCamera) -> list[RgbdFrame]:
+def read_frames(camera: RgbdCamera) -> list[RgbdFrame]:
     frames: list[RgbdFrame] = []
     with contextlib.suppress(EndOfStream):
         while len(frames) < 100:
@@ -46,10 +47,10 @@ class CachedCameras:
         config: SyntheticConfig,
         pace: PlaybackMode = PlaybackMode.LOCKSTEP,
         host: FakeHost | None = None,
-    ) -> SyntheticCamera:
+    ) -> RgbdCamera:
         fill_sequence(config, self._folder, self._make_renderer)
         clock = HOST_CLOCK if host is None else host.clock
-        return SyntheticCamera(config, pace, RenderOptions(cache_dir=self._folder), clock)
+        return make_synthetic_camera(config, pace, RenderOptions(cache_dir=self._folder), clock)
 
     def read_frames(self, config: SyntheticConfig, *faults: Fault) -> list[RgbdFrame]:
         with self.open_camera(replace(config, faults=faults)) as camera:

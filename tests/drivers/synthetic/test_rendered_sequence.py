@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from drivers.core import CameraError, InputError
+from drivers.faulty_camera import Fault, FaultKind
 from drivers.synthetic import rendered_sequence
-from drivers.synthetic.config import Fault, FaultKind, MotionKind, SyntheticConfig
+from drivers.synthetic.config import MotionKind, SyntheticConfig
 from drivers.synthetic.rendered_sequence import (
     RenderedSequence,
     SequenceFiles,

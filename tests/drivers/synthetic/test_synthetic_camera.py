@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from drivers.camera import Clock, FrameTimeout, PlaybackMode
-from drivers.core import CameraLostError, InputError
+from drivers.core import CameraLostError, CameraNotFoundError, InputError
+from drivers.faulty_camera import Fault, FaultKind
 from drivers.synthetic.camera import RenderOptions, SyntheticCamera
 from drivers.synthetic.config import ColorSensorModel, ShutterTiming, SyntheticConfig
 from tests.drivers.fake_host import FakeHost
@@ -140,3 +141,23 @@ def test_every_frame_has_the_direction_of_gravity(
         assert frame.gravity_m_s2 is not None
         found = T_world_camera[:3, :3] @ frame.gravity_m_s2
         np.testing.assert_allclose(found, [0.0, 0.0, -9.80665], atol=1e-12)
+
+
+@pytest.mark.parametrize("pace", list(PlaybackMode))
+def test_an_unplugged_camera_is_lost_then_not_found_then_back(
+    cached_cameras: CachedCameras, ideal: SyntheticConfig, pace: PlaybackMode
+) -> None:
+    host = FakeHost()
+    fault = Fault(FaultKind.UNPLUGGED, 2, seconds=0.09)
+    camera = cached_cameras.open_camera(replace(ideal, faults=(fault,)), pace, host)
+    camera.open()
+    assert [camera.read(1.0).seq for _ in range(2)] == [0, 1]
+    with pytest.raises(CameraLostError, match="unplugged"):
+        camera.read(1.0)
+    camera.close()
+    with pytest.raises(CameraNotFoundError, match="comes back by itself"):
+        camera.open()
+    host.sleep(0.095)
+    camera.open()
+    assert [frame.seq for frame in read_frames(camera)] == [5]
+    assert camera.counters.dropped == 0

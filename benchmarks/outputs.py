@@ -46,6 +46,7 @@ from drivers.recording.frame_encoding import (
     calibration_of_frame,
     encode_image,
 )
+from drivers.recording.recording_sink import StoredFrame
 from tests.ports import free_port
 from tests.resource_leaks import child_pids_of, resident_memory_kb
 from vo_service.config_tables import FramesConfig, RecorderConfig, ZenohConfig
@@ -342,11 +343,9 @@ class McapEncoding:
             writer = FrameWriter(mcap, calibration_of_frame(frames[0]), Decimal(0))
             for frame in frames:
                 color = frame.color_bgr
-                writer.write_frame(
-                    FrameStamps.from_frame(frame),
-                    color if self.is_raw_color else encode_image(color, ColorFormat.JPEG),
-                    frame.depth_raw,
-                )
+                stored = color if self.is_raw_color else encode_image(color, ColorFormat.JPEG)
+                stamps = FrameStamps.from_frame(frame)
+                writer.write_frame(StoredFrame(stamps, stored, frame.depth_raw))
             mcap.close()
 
 

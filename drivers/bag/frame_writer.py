@@ -22,8 +22,9 @@ from drivers.calibration import CameraCalibration, format_calibration
 from drivers.core import InputError
 from drivers.core.bounded_trajectory import SampledPath
 from drivers.core.geometry import Array, Vector, inverse, quaternion_from_rotation
-from drivers.recording.frame_encoding import ColorFormat, FrameStamps, encode_image
+from drivers.recording.frame_encoding import ColorFormat, encode_image
 from drivers.recording.image_decoding import JPEG_START, BgrImage, DepthImage, decode_depth
+from drivers.recording.recording_sink import RecordingSink, StoredFrame
 
 NS_PER_S = 1_000_000_000
 NAMESPACE = "/camera"
@@ -53,7 +54,7 @@ FRAME_TOPICS = frozenset(
 )
 
 
-class FrameWriter:
+class FrameWriter(RecordingSink):
     """Writes frames, readings of the accelerometer, gravity and true poses as messages.
 
     The camera file and the exact stamps of each frame are written too, so that the same frames are
@@ -90,32 +91,13 @@ class FrameWriter:
         if T_base_camera is not None:
             self._write_transform("/tf_static", start_ns, BASE_FRAME, camera_frame, T_base_camera)
 
-    def write_frame(
-        self,
-        stamps: FrameStamps,
-        color: bytes | BgrImage,
-        depth: bytes | DepthImage,
-        logged: FrameStamps | None = None,
-    ) -> None:
-        """Write the images of a frame: files (PNG, JPEG) with the bytes they have, or raw.
-
-        Args:
-            stamps: Exact stamps of both images, s.
-            color: A file, or the (H, W, 3) image.
-            depth: A file, or the (H, W) image in units of the camera file.
-            logged: Log times of both images, s; None for the stamps.
-
-        Raises:
-            OSError: Writing fails.
-            InputError: The stamps are outside the range of ROS.
-            UnreadableFrameError: A file of depth that must be converted cannot be decoded.
-        """
+    def write_frame(self, frame: StoredFrame) -> None:
+        stamps, logged = frame.stamps, frame.log_times
         color_ns, depth_ns = _checked_ns(stamps.color), _checked_ns(stamps.depth)
-        logged = logged or stamps
         color_log_ns, depth_log_ns = to_ns(logged.color), to_ns(logged.depth)
-        self._write_color(color_ns, color, color_log_ns)
+        self._write_color(color_ns, frame.color, color_log_ns)
         self._write_camera_info("rgb", color_ns, color_log_ns)
-        self._write_depth(depth_ns, depth, depth_log_ns)
+        self._write_depth(depth_ns, frame.depth, depth_log_ns)
         # Depth has the frame of color. Rerun shows an error if a frame has two of them.
         if not self._writer.is_for_viewers:
             self._write_camera_info("depth_registered", depth_ns, depth_log_ns)
@@ -149,14 +131,12 @@ class FrameWriter:
             self._writer.write(topic, COMPRESSED_IMAGE, log_ns, message)
 
     def write_gravity(self, stamp: Decimal, gravity_m_s2: Vector) -> None:
-        """Write a frame's gravity in camera axes. Raises OSError."""
         stamp_ns = _checked_ns(stamp)
         vector = self._make("geometry_msgs/msg/Vector3", *gravity_m_s2)
         message = self._make(VECTOR_STAMPED, self._header(stamp_ns), vector)
         self._writer.write(f"{NAMESPACE}/gravity", VECTOR_STAMPED, stamp_ns, message)
 
     def write_reading(self, stamp: Decimal, acceleration_m_s2: Vector) -> None:
-        """Write a reading of the accelerometer in camera axes. Raises OSError."""
         stamp_ns = _checked_ns(stamp)
         reaction = self._make("geometry_msgs/msg/Vector3", *acceleration_m_s2)
         unknown = np.array([-1.0, *[0.0] * 8])

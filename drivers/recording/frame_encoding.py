@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from drivers.calibration import NO_DISTORTION, CameraCalibration
 from drivers.camera import RgbdFrame, TimingSource
-from drivers.core.geometry import Vector
 from drivers.recording.recorded_frames import EXACT_CONTEXT
 
 MICROSECOND = Decimal("1e-6")
@@ -85,21 +84,3 @@ def encode_image(image: NDArray[Any], kind: ColorFormat) -> bytes:
     # OpenCV's own PNG settings (run lengths, horizontal differences) beat level 1 in time and size.
     options = [cv2.IMWRITE_JPEG_QUALITY, 95] if kind is ColorFormat.JPEG else []
     return cv2.imencode(f".{kind}", image, options)[1].tobytes()
-
-
-@dataclass(frozen=True)
-class EncodedFrame:
-    """A frame as it is stored on disk."""
-
-    stamps: FrameStamps
-    color: bytes
-    color_format: ColorFormat
-    depth: bytes
-    gravity_m_s2: Vector | None
-
-
-def encode_frame(frame: RgbdFrame, stamps: FrameStamps, color_format: ColorFormat) -> EncodedFrame:
-    """Encode the images of a frame."""
-    color = encode_image(frame.color_bgr, color_format)
-    depth = encode_image(frame.depth_raw, ColorFormat.PNG)
-    return EncodedFrame(stamps, color, color_format, depth, frame.gravity_m_s2)

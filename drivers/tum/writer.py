@@ -1,40 +1,27 @@
-"""Recording of any camera into a TUM folder that replays the same frames, bit for bit."""
+"""Writing of folders in TUM format, which replay the same frames, bit for bit."""
 
-import logging
 import shutil
-from collections import deque
 from collections.abc import Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from decimal import Decimal
 from pathlib import Path
-from typing import Self
 
-from drivers.calibration import (
-    CAMERA_FILE_NAME,
-    CameraCalibration,
-    format_calibration,
-)
-from drivers.camera import RgbdFrame
-from drivers.core import InputError, UserFacingError
+from drivers.calibration import CAMERA_FILE_NAME, CameraCalibration, format_calibration
+from drivers.core import InputError
 from drivers.core.files import AppendOnlyFile, atomic_write
-from drivers.core.geometry import Trajectory, Vector, format_pose_line
-from drivers.core.write_errors import WriteError, creating
+from drivers.core.geometry import Array, Trajectory, Vector, format_pose_line
+from drivers.core.write_errors import check_disk_space, creating
 from drivers.recording.frame_encoding import (
-    EARLIEST_STAMPS,
     ColorFormat,
-    EncodedFrame,
-    FrameStamps,
-    calibration_of_frame,
-    encode_frame,
+    encode_image,
     format_stamp,
     round_to_microseconds,
 )
+from drivers.recording.frame_recorder import FrameRecorder
+from drivers.recording.image_decoding import JPEG_START, BgrImage, DepthImage
+from drivers.recording.recording_sink import RecordingFile, RecordingSink, StoredFrame
 from drivers.tum.accelerometer import AccelerometerWriter
 
-_log = logging.getLogger(__name__)
-
-ENCODER_THREADS = 2
 MAX_PENDING_FRAMES = 4
 INDEX_FILES = {
     "rgb.txt": "timestamp filename",
@@ -43,18 +30,121 @@ INDEX_FILES = {
 }
 
 
-class TumWriter:
+class TumFolder(RecordingFile, RecordingSink):
     """Writes ``rgb/``, ``depth/``, their lists, the camera file, gravity and the ground truth.
 
-    Images are encoded on threads and written in order on the caller's; memory is bounded. A frame
-    is listed after both its images are written, so the folder can be replayed even if the process
-    is killed. A frame whose stamp is not after the previous one, to the microsecond, is skipped,
-    counted and logged. If the disk fails before the first frame, nothing is left.
+    A frame is listed after both its images are written, so the folder can be replayed even if the
+    process is killed. If the disk fails before the first frame, nothing is left.
+
+    Args:
+        folder: Created; it must not exist or be empty.
+        ground_truth: Written to groundtruth.txt at once; `write_true_pose` does nothing.
+        has_gravity: Whether the accelerometer's file gets the gravity of the frames, and not the
+            readings.
+        min_free_bytes: What must be free on the disk.
+
+    Raises:
+        InputError: No folder can have this name, or it is not empty.
+        WriteError: The folder cannot be written.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        ground_truth: Trajectory | None = None,
+        *,
+        has_gravity: bool = True,
+        min_free_bytes: int = 0,
+    ) -> None:
+        self.path = folder
+        self._has_gravity = has_gravity
+        self._has_failed = False
+        self._index_files: list[AppendOnlyFile] = []
+        self._accelerometer = AccelerometerWriter(folder)
+        self._is_new_folder = not folder.exists()
+        with creating(folder):
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            check_disk_space(folder.parent, min_free_bytes)
+            folder.mkdir(exist_ok=True)
+            if any(folder.iterdir()):
+                raise InputError(f"{folder}: is not empty; name a new folder for the recording")
+            try:
+                self._create_files(ground_truth)
+            except OSError:
+                self.cut()
+                self.close()
+                raise
+
+    def begin(self, calibration: CameraCalibration, start: Decimal) -> RecordingSink:
+        atomic_write(self.path / CAMERA_FILE_NAME, format_calibration(calibration).encode())
+        return self
+
+    def write_frame(self, frame: StoredFrame) -> None:
+        stamps, color, depth = frame.stamps, _as_file(frame.color), _as_file(frame.depth)
+        suffix = ColorFormat.JPEG if color.startswith(JPEG_START) else ColorFormat.PNG
+        color_file = f"rgb/{round_to_microseconds(stamps.color):f}.{suffix}"
+        depth_file = f"depth/{round_to_microseconds(stamps.depth):f}.png"
+        _write_files([(self.path / color_file, color), (self.path / depth_file, depth)])
+        color_line = f"{format_stamp(stamps.color)} {color_file}"
+        depth_line = f"{format_stamp(stamps.depth)} {depth_file}"
+        lines = (color_line, depth_line, f"{color_line} {depth_line}")
+        for index_file, line in zip(self._index_files, lines, strict=True):
+            index_file.append(line)
+
+    def write_reading(self, stamp: Decimal, acceleration_m_s2: Vector) -> None:
+        if not self._has_gravity:
+            x, y, z = acceleration_m_s2
+            self.write_gravity(stamp, (-x, -y, -z))
+
+    def write_gravity(self, stamp: Decimal, gravity_m_s2: Vector) -> None:
+        self._accelerometer.add(format_stamp(stamp), gravity_m_s2)
+
+    def write_true_pose(self, stamp: Decimal, T_world_camera: Array) -> None:
+        """Do nothing: the pose is in the folder already."""
+
+    def flush(self) -> None:
+        """Do nothing: nothing is buffered."""
+
+    def cut(self) -> None:
+        """Every listed frame is whole."""
+        self._has_failed = True
+
+    def complete(self) -> None:
+        """Do nothing: the folder is whole after each frame."""
+
+    def close(self) -> None:
+        """Close the files; after a failure before the first frame, remove them."""
+        self._accelerometer.close()
+        is_ours = all(file.is_in_place for file in self._index_files)
+        while self._index_files:
+            self._index_files.pop().close()
+        if self._has_failed and not self.written and is_ours:
+            with suppress(OSError):
+                for path in [self.path] if self._is_new_folder else [*self.path.iterdir()]:
+                    shutil.rmtree(path) if path.is_dir() else path.unlink()
+
+    @property
+    def remark(self) -> str:
+        has_frames = self.written and self.path.exists()
+        return f"the {self.written} frames recorded so far are complete" if has_frames else ""
+
+    def _create_files(self, ground_truth: Trajectory | None) -> None:
+        (self.path / "rgb").mkdir()
+        (self.path / "depth").mkdir()
+        if ground_truth is not None:
+            atomic_write(self.path / "groundtruth.txt", _format_poses(ground_truth))
+        for name, columns in INDEX_FILES.items():
+            self._index_files.append(AppendOnlyFile(self.path / name, columns))
+
+
+class TumWriter(FrameRecorder):
+    """Records any camera into a folder in TUM format, see `TumFolder`.
 
     Args:
         folder: Created; it must not exist or be empty.
         ground_truth: Written to groundtruth.txt.
         color_format: File format of the color images.
+        min_free_bytes: Left free on the disk.
 
     Raises:
         InputError: No folder can have this name, or it is not empty.
@@ -67,151 +157,31 @@ class TumWriter:
         *,
         ground_truth: Trajectory | None = None,
         color_format: ColorFormat = ColorFormat.PNG,
+        min_free_bytes: int = 0,
     ) -> None:
-
-        self.folder = folder
-        self.written = self.skipped = 0
-        self._color_format = color_format
-        self._calibrations: list[CameraCalibration] = []
-        self._last_stamps = EARLIEST_STAMPS
-        self._failure: WriteError | None = None
-        self._index_files: list[AppendOnlyFile] = []
-        self._accelerometer = AccelerometerWriter(folder)
-        self._pending: deque[Future[EncodedFrame]] = deque()
-        self._is_new_folder = not folder.exists()
-        self._create_files(ground_truth)
-        self._pool = ThreadPoolExecutor(ENCODER_THREADS, thread_name_prefix="tum-encode")
-
-    def write(self, frame: RgbdFrame) -> None:
-        """Add a frame; it may reach the disk a few frames later.
-
-        Raises:
-            WriteError: Writing fails; complete frames remain.
-            UserFacingError: The camera differs from that of the first frame.
-        """
-        if self._failure:
-            raise self._failure
-        stamps = FrameStamps.from_frame(frame)
-        if not stamps.is_after(self._last_stamps):
-            self.skipped += 1
-            _log.warning("frame %d is not recorded: its stamp does not rise", frame.seq)
-            return
-        self.set_calibration(calibration_of_frame(frame))
-        self._last_stamps = stamps
-        self._pending.append(self._pool.submit(encode_frame, frame, stamps, self._color_format))
-        while len(self._pending) > MAX_PENDING_FRAMES or (
-            self._pending and self._pending[0].done()
-        ):
-            self._commit(self._pending.popleft().result())
-
-    def write_encoded(self, frame: EncodedFrame) -> None:
-        """Write a frame with the bytes that it has; errors as `write`."""
-        self._commit(frame)
-
-    def write_gravity(self, stamp: Decimal, gravity_m_s2: Vector) -> None:
-        """Write a reading that belongs to no frame; errors as `write`."""
-        try:
-            self._accelerometer.add(format_stamp(stamp), gravity_m_s2)
-        except OSError as error:
-            raise self._set_failure(error) from error
-
-    def close(self) -> None:
-        """Write pending frames. Safe to call twice. Raises as `write`, but no error twice."""
-        try:
-            while self._pending and not self._failure:
-                self._commit(self._pending.popleft().result())
-        finally:
-            self._pending.clear()
-            self._pool.shutdown()
-            self._close_files()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_exc: object) -> None:
-        self.close()
-
-    def set_calibration(self, calibration: CameraCalibration) -> None:
-        """Write the camera file, the first time; later frames must have the same camera.
-
-        Raises:
-            UserFacingError: Writing fails, or the camera is another one.
-        """
-        if not self._calibrations:
-            self._write_files(
-                [(self.folder / CAMERA_FILE_NAME, format_calibration(calibration).encode())]
-            )
-            self._calibrations.append(calibration)
-        if calibration != self._calibrations[0]:
-            raise UserFacingError(
-                f"{self.folder}: the camera changed during recording (now {calibration.pinhole}, "
-                f"depth factor {calibration.depth_factor}, readout {calibration.readout_s} s); "
-                "record it into another folder"
-            )
-
-    def _create_files(self, ground_truth: Trajectory | None) -> None:
-        folder = self.folder
-        with creating(folder):
-            folder.mkdir(parents=True, exist_ok=True)
-            if any(folder.iterdir()):
-                raise InputError(f"{folder}: is not empty; name a new folder for the recording")
-            try:
-                (folder / "rgb").mkdir()
-                (folder / "depth").mkdir()
-                if ground_truth is not None:
-                    atomic_write(folder / "groundtruth.txt", _format_poses(ground_truth))
-                for name, columns in INDEX_FILES.items():
-                    self._index_files.append(AppendOnlyFile(folder / name, columns))
-            except OSError as error:
-                self._set_failure(error)
-                self._close_files()
-                raise
-
-    def _close_files(self) -> None:
-        """Close the files; after a failure before the first frame, remove them."""
-        self._accelerometer.close()
-        is_ours = all(file.is_in_place for file in self._index_files)
-        while self._index_files:
-            self._index_files.pop().close()
-        if self._failure and not self.written and is_ours:
-            with suppress(OSError):
-                for path in [self.folder] if self._is_new_folder else [*self.folder.iterdir()]:
-                    shutil.rmtree(path) if path.is_dir() else path.unlink()
-
-    def _commit(self, frame: EncodedFrame) -> None:
-        stamps = frame.stamps
-        color_file = f"rgb/{round_to_microseconds(stamps.color):f}.{frame.color_format}"
-        depth_file = f"depth/{round_to_microseconds(stamps.depth):f}.png"
-        self._write_files(
-            [(self.folder / color_file, frame.color), (self.folder / depth_file, frame.depth)]
+        super().__init__(
+            TumFolder(folder, ground_truth, min_free_bytes=min_free_bytes),
+            color_format=color_format,
+            depth_format=ColorFormat.PNG,
+            min_free_bytes=min_free_bytes,
+            max_pending_frames=MAX_PENDING_FRAMES,
         )
-        color_line = f"{format_stamp(stamps.color)} {color_file}"
-        depth_line = f"{format_stamp(stamps.depth)} {depth_file}"
-        lines = (color_line, depth_line, f"{color_line} {depth_line}")
-        try:
-            self._accelerometer.add(format_stamp(stamps.color), frame.gravity_m_s2)
-            for index_file, line in zip(self._index_files, lines, strict=True):
-                index_file.append(line)
-        except OSError as error:
-            raise self._set_failure(error) from error
-        self.written += 1
 
-    def _write_files(self, files: Sequence[tuple[Path, bytes]]) -> None:
-        """Write all files or none."""
-        try:
-            for path, data in files:
-                atomic_write(path, data)
-        except OSError as error:
-            for path, _ in files:
-                with suppress(OSError):
-                    path.unlink(missing_ok=True)
-            raise self._set_failure(error) from error
 
-    def _set_failure(self, error: OSError) -> WriteError:
-        has_frames = self.written and self.folder.exists()
-        remark = f"the {self.written} frames recorded so far are complete" if has_frames else ""
-        self._failure = WriteError.of(self.folder, error, remark)
-        return self._failure
+def _as_file(image: bytes | BgrImage | DepthImage) -> bytes:
+    return image if isinstance(image, bytes) else encode_image(image, ColorFormat.PNG)
+
+
+def _write_files(files: Sequence[tuple[Path, bytes]]) -> None:
+    """Write all files or none."""
+    try:
+        for path, data in files:
+            atomic_write(path, data)
+    except OSError:
+        for path, _ in files:
+            with suppress(OSError):
+                path.unlink(missing_ok=True)
+        raise
 
 
 def _format_poses(trajectory: Trajectory) -> bytes:

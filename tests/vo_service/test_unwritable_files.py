@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from drivers.bag import mcap_recorder
 from drivers.bag.mcap_recorder import McapRecorder
 from drivers.camera import PlaybackMode
 from drivers.core import UserFacingError, write_errors
 from drivers.playback.recording_formats import open_recording
+from drivers.recording import frame_recorder
 from drivers.tum.writer import TumWriter
 from tests.full_disk import limit_file_size
 from tests.read_only_folder import read_only
@@ -189,7 +189,7 @@ CAUSES = {
 
 @pytest.fixture(autouse=True)
 def checked_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mcap_recorder, "FLUSH_PERIOD_S", 0.0)
+    monkeypatch.setattr(frame_recorder, "FLUSH_PERIOD_S", 0.0)
     monkeypatch.setattr(rotating_recording, "CHECK_PERIOD_S", 0.0)
 
 

@@ -190,7 +190,7 @@ class McapOutput:
             _encoded("/vo/odom", ODOMETRY_SCHEMA, update.stamp_s, pose_payload(update, FRAME_IDS)),
         ]
         if self._last_stamp_s is None:
-            recorder.T_base_camera = inverse(update.T_odom_base) @ update.T_odom_camera
+            recorder.file.T_base_camera = inverse(update.T_odom_base) @ update.T_odom_camera
             recorder.ground_truth = self._published_ground_truth(update)
         transforms = pose_transforms(update, FRAME_IDS)
         if transforms:
@@ -198,7 +198,7 @@ class McapOutput:
             messages.append(_transforms("/tf", transforms))
             messages += self._path_messages(update)
         self._last_stamp_s = update.stamp_s, time.monotonic()
-        recorder.write(update.frame.restamped(update.stamp_s), messages)
+        recorder.write_with_messages(update.frame.restamped(update.stamp_s), messages)
 
     def _path_messages(self, update: OdometryUpdate) -> list[EncodedMessage]:
         """Make the path to the pose, if it is due."""
@@ -242,7 +242,7 @@ class McapOutput:
         received_s: float,
     ) -> None:
         stamp_s = last_stamp_s + max(0.0, now_s - received_s)
-        recorder.write_message(_string("/vo/status", stamp_s, encode_message(status)))
+        recorder.write_messages([_string("/vo/status", stamp_s, encode_message(status))])
 
     def _finish(self) -> None:
         try:

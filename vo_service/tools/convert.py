@@ -7,32 +7,27 @@ import re
 import shutil
 import sqlite3
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from decimal import Decimal
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING
 
 from drivers.calibration import CameraCalibration
 from drivers.core import InputError
 from drivers.core.files import check_suffix
-from drivers.core.geometry import T_BODY_CAMERA, Array, Trajectory, Vector
+from drivers.core.geometry import T_BODY_CAMERA, Trajectory, Vector
 from drivers.core.write_errors import WriteError
 from drivers.playback.frame_reader import FrameReader
 from drivers.playback.recording_formats import check_bag_packages
 from drivers.recording.accelerometer import AccelerometerSeries
-from drivers.recording.frame_encoding import (
-    ColorFormat,
-    EncodedFrame,
-    FrameStamps,
-    calibration_of_frame,
-    encode_image,
-)
-from drivers.recording.image_decoding import JPEG_START, BgrImage, DepthImage, UnreadableFrameError
+from drivers.recording.frame_encoding import FrameStamps, calibration_of_frame
+from drivers.recording.image_decoding import UnreadableFrameError
 from drivers.recording.recorded_frames import FramePair
 from drivers.recording.recording import BagTopicsInUse, Recording
-from drivers.tum.writer import TumWriter
+from drivers.recording.recording_sink import RecordingSink, StoredFrame
+from drivers.tum.writer import TumFolder
 
 if TYPE_CHECKING:  # its packages are optional
     from drivers.bag.bag_writer import BagWriter
@@ -53,81 +48,6 @@ class OutputFormat(StrEnum):
 SUFFIXES = {OutputFormat.MCAP: ".mcap", OutputFormat.ROS1: ".bag"}
 # As of files (.mp4, .zip), and not as in folders' names that end in a time or a size (10.30, 1.5m).
 _FILE_SUFFIX = re.compile(r"\.[a-z][a-z0-9]{0,4}")
-
-
-class StoredFrame(NamedTuple):
-    """A frame with its images as they are stored: files, or raw; and its log times."""
-
-    stamps: FrameStamps
-    color: bytes | BgrImage
-    depth: bytes | DepthImage
-    logged: FrameStamps
-
-
-class RecordingSink(Protocol):
-    """Takes the contents of a recording, in order of time."""
-
-    def write_frame(
-        self,
-        stamps: FrameStamps,
-        color: bytes | BgrImage,
-        depth: bytes | DepthImage,
-        logged: FrameStamps,
-    ) -> None:
-        """Write a frame. Raises UserFacingError, OSError or UnreadableFrameError."""
-        ...
-
-    def write_reading(self, stamp: Decimal, acceleration_m_s2: Vector) -> None:
-        """Write a reading of the accelerometer, in camera axes."""
-        ...
-
-    def write_gravity(self, stamp: Decimal, gravity_m_s2: Vector) -> None:
-        """Write the gravity of a frame, if the recording has it beside the readings."""
-        ...
-
-    def write_true_pose(self, stamp: Decimal, T_world_camera: Array) -> None:
-        """Write a true pose."""
-        ...
-
-
-class FolderSink:
-    """Writes a folder in TUM format, whose true poses its writer has written at the start."""
-
-    def __init__(
-        self, writer: TumWriter, calibration: CameraCalibration, has_gravity: bool
-    ) -> None:
-        self._writer, self._has_gravity = writer, has_gravity
-        writer.set_calibration(calibration)
-
-    def write_frame(
-        self,
-        stamps: FrameStamps,
-        color: bytes | BgrImage,
-        depth: bytes | DepthImage,
-        logged: FrameStamps,
-    ) -> None:
-        """Write files as they are, and raw images as PNG."""
-        color_format = ColorFormat.PNG
-        if not isinstance(color, bytes):
-            color = encode_image(color, ColorFormat.PNG)
-        elif color.startswith(JPEG_START):
-            color_format = ColorFormat.JPEG
-        if not isinstance(depth, bytes):
-            depth = encode_image(depth, ColorFormat.PNG)
-        self._writer.write_encoded(EncodedFrame(stamps, color, color_format, depth, None))
-
-    def write_reading(self, stamp: Decimal, acceleration_m_s2: Vector) -> None:
-        """Write a line of the accelerometer's file, unless it holds the gravity of frames."""
-        if not self._has_gravity:
-            x, y, z = acceleration_m_s2
-            self._writer.write_gravity(stamp, (-x, -y, -z))
-
-    def write_gravity(self, stamp: Decimal, gravity_m_s2: Vector) -> None:
-        """Write a line of the accelerometer's file."""
-        self._writer.write_gravity(stamp, gravity_m_s2)
-
-    def write_true_pose(self, stamp: Decimal, T_world_camera: Array) -> None:
-        """Do nothing: the pose is in the folder already."""
 
 
 def choose_format(path: Path, requested: str | None) -> OutputFormat:
@@ -176,7 +96,7 @@ def convert(
         with _open_output(path, output_format, recording, calibration) as (sink, others):
             for frame in _write_others_before(others, frames):
                 try:
-                    sink.write_frame(*frame)
+                    sink.write_frame(frame)
                 except UnreadableFrameError as error:
                     _log.warning("the frame at %s is left out: %s", frame.stamps.color, error)
                     continue
@@ -246,7 +166,7 @@ def _write_others_before(
     """Yield the frames; before each, write what was recorded before it."""
     other = next(others, None)
     for frame in frames:
-        while other is not None and other[0] <= frame.logged.color:
+        while other is not None and other[0] <= frame.log_times.color:
             other[1]()
             other = next(others, None)
         yield frame
@@ -297,8 +217,9 @@ def _open_output(
         recording.require_rising_stamps(
             "and a folder holds rising stamps only; convert to .mcap, .bag or --format ros2"
         )
-        with TumWriter(path, ground_truth=recording.ground_truth) as writer:
-            sink = FolderSink(writer, calibration, recording.gravity is not None)
+        folder = TumFolder(path, recording.ground_truth, has_gravity=recording.gravity is not None)
+        with closing(folder):
+            sink = folder.begin(calibration, recording.frames.pairs[0].color.stamp)
             yield sink, _series(recording, sink)
         _name_left_out(recording, path)
         return

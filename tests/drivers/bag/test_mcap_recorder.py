@@ -20,6 +20,7 @@ from drivers.core import InputError, UserFacingError, write_errors
 from drivers.core.geometry import Trajectory, rigid_transform
 from drivers.playback.camera import RecordingCamera
 from drivers.playback.recording_formats import open_recording
+from drivers.recording import frame_recorder
 
 FrameMaker = Callable[..., RgbdFrame]
 
@@ -191,7 +192,7 @@ def test_frames_that_cannot_be_recorded_are_refused(
 def test_a_disk_that_fills_leaves_a_whole_file(
     make_frame: FrameMaker, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(mcap_recorder, "FLUSH_PERIOD_S", 0.0)
+    monkeypatch.setattr(frame_recorder, "FLUSH_PERIOD_S", 0.0)
     free = iter([mcap_recorder.RESERVED_BYTES] * 6)
     monkeypatch.setattr(write_errors, "free_disk_bytes", lambda _: next(free, 0))
     with pytest.raises(UserFacingError, match=r"the disk is full \(less than 0\.016 GB are left\)"):  # noqa: PT012, SIM117
@@ -205,7 +206,7 @@ def test_a_disk_that_fills_leaves_a_whole_file(
 def test_a_full_disk_leaves_what_was_written(
     make_frame: FrameMaker, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(mcap_recorder, "FLUSH_PERIOD_S", 0.0)
+    monkeypatch.setattr(frame_recorder, "FLUSH_PERIOD_S", 0.0)
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, before[1]))
     try:

@@ -19,6 +19,7 @@ from drivers.clock_jumps import MAX_STALE_FRAMES
 from drivers.core.geometry import read_trajectory
 from drivers.playback.recording_formats import open_recording
 from drivers.recording.frame_encoding import FrameStamps
+from drivers.recording.recording_sink import StoredFrame
 from tests.conftest import FRAMES
 from tests.vo_service.cli.cli_runner import (
     CommandResult,
@@ -138,7 +139,8 @@ def write_jump_bag(recording: Path, path: Path, count: int, before: int) -> None
         pair, logged = opened.frames.pairs[index], 1000 + k * Decimal("0.033")
         stamp = logged if k < before else logged - 100
         images = pair.color.read_stored_color(), pair.depth.read_stored_depth()
-        writer.write_frame(FrameStamps(stamp, stamp), *images, FrameStamps(logged, logged))
+        stamps, log_times = FrameStamps(stamp, stamp), FrameStamps(logged, logged)
+        writer.write_frame(StoredFrame(stamps, *images, log_times))
     bag.close()
 
 

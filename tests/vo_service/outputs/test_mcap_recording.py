@@ -144,7 +144,7 @@ def test_a_run_without_frames_leaves_no_file(tmp_path: Path, status: Status) -> 
 def test_a_full_disk_is_reported_and_keeps_what_was_written(
     tmp_path: Path, make_update: MakeUpdate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("drivers.bag.mcap_recorder.FLUSH_PERIOD_S", 0.0)
+    monkeypatch.setattr("drivers.recording.frame_recorder.FLUSH_PERIOD_S", 0.0)
     output = open_mcap_recording(tmp_path / "a.mcap", LOCKSTEP)
     with limit_file_size(100_000):
         for seq in range(1000):
@@ -167,7 +167,7 @@ def test_a_full_disk_is_a_warning_of_the_service_until_there_is_space(
     monkeypatch: pytest.MonkeyPatch,
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    monkeypatch.setattr("drivers.bag.mcap_recorder.FLUSH_PERIOD_S", 0.0)
+    monkeypatch.setattr("drivers.recording.frame_recorder.FLUSH_PERIOD_S", 0.0)
     monkeypatch.setattr("vo_service.outputs.mcap_recording.RETRY_PERIOD_S", 0.0)
     path, numbers = tmp_path / "a.mcap", count()
     disk = {"free": 10**12 if frames_before else 0}

@@ -16,7 +16,7 @@ from drivers.core import UserFacingError
 from drivers.core.files import check_writable
 from drivers.core.process.record_ring import RecordRingReader, RingRecord
 from drivers.core.process.service_connection import ServiceConnection
-from drivers.core.write_errors import check_disk_space, writing
+from drivers.core.write_errors import writing
 from drivers.recording.frame_encoding import ColorFormat
 from drivers.tum.writer import TumWriter
 from vo_service.config_tables import MIN_FREE_BYTES
@@ -113,10 +113,12 @@ class RecordingWriter:
                 self._write(record, stack)
 
     def _write(self, record: RingRecord, stack: ExitStack) -> None:
-        check_disk_space(self.folder.parent, MIN_FREE_BYTES)
         if self._writer is None:
             self._offset_s = decode_metadata(record.metadata).clock_offset_s
-            self._writer = stack.enter_context(TumWriter(self.folder, color_format=COLOR_FORMAT))
+            writer = TumWriter(
+                self.folder, color_format=COLOR_FORMAT, min_free_bytes=MIN_FREE_BYTES
+            )
+            self._writer = stack.enter_context(writer)
         self._writer.write(decode_frame(record, self._offset_s))
 
 

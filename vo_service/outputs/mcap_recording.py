@@ -20,9 +20,10 @@ from drivers.core import UserFacingError
 from drivers.core.bounded_trajectory import SampledPath
 from drivers.core.files import check_suffix, rotate_file
 from drivers.core.geometry import Array, Trajectory, inverse
-from drivers.core.queues import BlockingQueue, BoundedQueue, DropOldestQueue, WorkerThread
+from drivers.core.queues import BlockingQueue, BoundedQueue, DropOldestQueue
 from drivers.core.write_errors import WriteError, check_disk_space, creating, is_disk_full
 from vo_service.config_tables import MIN_FREE_BYTES
+from vo_service.outputs.file_output import FileOutput
 from vo_service.ros_messages.cdr import STRING_SCHEMA, encode_string
 from vo_service.ros_messages.navigation import (
     ODOMETRY_SCHEMA,
@@ -90,7 +91,7 @@ def _create_next(path: Path) -> McapRecorder:
     return McapRecorder(path, is_base_estimated=True, min_free_bytes=MIN_FREE_BYTES)
 
 
-class McapOutput:
+class McapOutput(FileOutput[Item]):
     """Writes all messages of `docs/guide/bags.md` with published stamps, from a thread of its own.
 
     If writing fails, the file ends with its last whole part, and `close` raises the error.
@@ -117,13 +118,11 @@ class McapOutput:
         *,
         can_retry: bool = False,
     ) -> None:
-        self._path, self._create, self._can_retry = path, create, can_retry
-        self._close_timeout_s = close_timeout_s
+        super().__init__(path, "recording", "frames", close_timeout_s)
+        self._create, self._can_retry = create, can_retry
         self._ground_truth = ground_truth
         self._recorder: McapRecorder | None = None
         self._retry_s = 0.0
-        self._fault: UserFacingError | None = None  # nothing is recorded at present
-        self._data_loss: UserFacingError | None = None
         # The last published stamp, and the time on CLOCK_MONOTONIC when it came.
         self._last_stamp_s: tuple[float, float] | None = None
         self._trail = SampledPath()
@@ -136,17 +135,13 @@ class McapOutput:
             if not (can_retry and is_disk_full(error)):
                 raise
             self._fail(error)
-        self._worker: WorkerThread[Item] = WorkerThread("mcap", queue, self._write, self._finish)
+        self._start("mcap", queue)
 
     @property
     def warning(self) -> str:
         """Why the recording is incomplete; "" while it is complete."""
-        fault = self._fault  # the thread may clear it
-        if fault is not None:
-            return f"{fault}; recording then continues" if self._can_retry else str(fault)
-        if self._worker.dropped:
-            return f"{self._path}: the disk is too slow; frames are missing"
-        return ""
+        is_paused = self._fault is not None and self._can_retry
+        return f"{super().warning}; recording then continues" if is_paused else super().warning
 
     def on_update(self, update: OdometryUpdate) -> None:
         """Queue a frame and its pose."""
@@ -155,15 +150,6 @@ class McapOutput:
     def on_status(self, status: Status) -> None:
         """Queue a status."""
         self._worker.put((status, time.monotonic()))
-
-    def close(self) -> None:
-        """Complete the file. Raises UserFacingError, once, if it is incomplete."""
-        has_ended = self._worker.close(self._close_timeout_s)
-        error, self._data_loss = self._data_loss, None
-        if error is not None:
-            raise UserFacingError(f"{self._path}: the recording is incomplete") from error
-        if not has_ended:
-            raise UserFacingError(f"{self._path}: the disk hangs; the end of the recording is lost")
 
     def _write(self, item: Item) -> None:
         if self._recorder is None and time.monotonic() < self._retry_s:

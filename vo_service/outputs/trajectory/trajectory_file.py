@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from drivers.camera import PlaybackMode
-from drivers.core import UserFacingError
 from drivers.core.files import atomic_write
 from drivers.core.geometry import Array, Trajectory, format_pose_line
-from drivers.core.queues import BlockingQueue, BoundedQueue, DropOldestQueue, WorkerThread
+from drivers.core.queues import BlockingQueue, BoundedQueue, DropOldestQueue
 from drivers.core.write_errors import WriteError, check_in_place, creating, writing
+from vo_service.outputs.file_output import FileOutput
 from vo_service.types.messages import Status
 from vo_service.types.odometry_update import OdometryUpdate
 from vo_service.types.outputs import OutputBase
@@ -41,7 +41,7 @@ def open_trajectory(path: str, playback_mode: PlaybackMode) -> "TrajectoryFileOu
     return TrajectoryFileOutput(Path(path), lines)
 
 
-class TrajectoryFileOutput:
+class TrajectoryFileOutput(FileOutput[bytes]):
     """Writes ``stamp tx ty tz qx qy qz qw`` of the optical camera, one line per tracked frame.
 
     Stamps are the published ones. A separate thread appends line by line, so every finished line
@@ -61,26 +61,16 @@ class TrajectoryFileOutput:
             InputError: No file can have this name.
             WriteError: It cannot be written.
         """
-        self._path = path
+        super().__init__(path, "trajectory", "poses", CLOSE_TIMEOUT_S)
         self._size = 0
         self._last_stamp_s, self._is_rising = -math.inf, True
-        self._error: UserFacingError | None = None
         with creating(path):
             self._file = path.open("wb", buffering=0)
-        self._worker = WorkerThread("trajectory", line_queue, self._append, self._finish)
-
-    @property
-    def warning(self) -> str:
-        """Reason why the file is incomplete; "" while it is complete."""
-        if self._error is not None:
-            return str(self._error)
-        if self._worker.dropped:
-            return f"{self._path}: the disk is too slow; poses are missing"
-        return ""
+        self._start("trajectory", line_queue)
 
     def on_update(self, update: OdometryUpdate) -> None:
         """Queue one line if this frame has its own pose."""
-        if update.estimate.ok and self._error is None:
+        if update.estimate.ok and self._fault is None:
             self._is_rising &= update.stamp_s > self._last_stamp_s
             self._last_stamp_s = update.stamp_s
             self._worker.put(format_pose_line(update.stamp_s, update.T_world_camera).encode())
@@ -88,32 +78,20 @@ class TrajectoryFileOutput:
     def on_status(self, status: Status) -> None:
         """Do nothing: the file holds poses only."""
 
-    def close(self) -> None:
-        """Close the file. Raises UserFacingError, once, if the file is incomplete."""
-        has_ended = self._worker.close(CLOSE_TIMEOUT_S)
-        write_error, self._error = self._error, None
-        if write_error is not None:
-            raise UserFacingError(f"{self._path}: the trajectory is incomplete") from write_error
-        if not has_ended:
-            raise UserFacingError(
-                f"{self._path}: the disk hangs; the end of the trajectory is lost"
-            )
-
-    def _append(self, line: bytes) -> None:
-        if self._error is not None:
+    def _write(self, item: bytes) -> None:
+        if self._fault is not None:
             return
         try:
             check_in_place(self._file.fileno(), self._path)
-            written = self._file.write(line)
-            if written != len(line):
+            written = self._file.write(item)
+            if written != len(item):
                 raise OSError(errno.ENOSPC, "no space left for a whole line")
-            self._size += len(line)
+            self._size += len(item)
         except OSError as error:
             with suppress(OSError):
                 os.ftruncate(self._file.fileno(), self._size)
             remark = f"the trajectory stops after {self._size} bytes"
-            self._error = WriteError.of(self._path, error, remark)
-            logger.error("%s", self._error)
+            self._fail(WriteError.of(self._path, error, remark))
             if not self._size:
                 self._remove()
 
@@ -134,8 +112,11 @@ class TrajectoryFileOutput:
                 line_of = {float(line.split()[0]): line for line in lines}
                 atomic_write(self._path, b"".join(line for _, line in sorted(line_of.items())))
         except WriteError as error:
-            self._error = error
-            logger.error("%s", error)
+            self._fail(error)
+
+    def _fail(self, error: WriteError) -> None:
+        self._fault = self._data_loss = error
+        logger.error("%s", error)
 
 
 class TrajectoryRecorder(OutputBase):

@@ -3,8 +3,9 @@
 import fcntl
 import os
 import re
+import shutil
 import stat
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -135,6 +136,28 @@ def lock_folder(folder: Path) -> Iterator[None]:
         yield
     finally:
         os.close(fd)
+
+
+@contextmanager
+def partial_folder(path: Path) -> Iterator[Path]:
+    """Yield a new folder PATH.part that is locked; it is removed at the end, unless renamed.
+
+    The lock keeps another process from removing it as left behind. Raises OSError.
+    """
+    part = path.with_name(path.name + PARTIAL_SUFFIX)
+    part.mkdir(mode=0o700)
+    try:
+        with lock_folder(part):
+            yield part
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+
+
+def remove_partial_folders(parts: Iterable[Path]) -> None:
+    """Remove the partial folders of processes that were killed."""
+    for part in parts:
+        with suppress(OSError), lock_folder(part):
+            shutil.rmtree(part, ignore_errors=True)
 
 
 def folder_size_bytes(folder: Path) -> int:

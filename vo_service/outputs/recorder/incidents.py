@@ -7,7 +7,6 @@ import shutil
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import suppress
 from datetime import UTC, datetime
 from itertools import chain
 from pathlib import Path
@@ -18,7 +17,8 @@ from drivers.core.files import (
     PARTIAL_SUFFIX,
     atomic_write,
     folder_size_bytes,
-    lock_folder,
+    partial_folder,
+    remove_partial_folders,
 )
 from drivers.core.geometry import COLUMNS, format_pose_line
 from drivers.core.process.record_ring import RecordRingReader, RingRecord
@@ -192,9 +192,7 @@ class IncidentStore:
         Raises:
             OSError: The folder is not usable.
         """
-        for part in self._incidents(PARTIAL_SUFFIX):
-            with suppress(OSError), lock_folder(part):
-                shutil.rmtree(part, ignore_errors=True)
+        remove_partial_folders(self._incidents(PARTIAL_SUFFIX))
         self._make_room(0)
 
     def _make_room(self, expected_bytes: int) -> None:
@@ -226,16 +224,10 @@ class IncidentStore:
         with writing(self.folder):
             self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
             final = self._free_name(name)
-            part = final.with_name(final.name + PARTIAL_SUFFIX)
-            part.mkdir(mode=0o700)
-            try:
-                with lock_folder(part):
-                    write_content(part)
-                    self._make_room(folder_size_bytes(part))
-                    part.rename(final)
-            except BaseException:
-                shutil.rmtree(part, ignore_errors=True)
-                raise
+            with partial_folder(final) as part:
+                write_content(part)
+                self._make_room(folder_size_bytes(part))
+                part.rename(final)
         return final
 
     def _free_name(self, name: str) -> Path:

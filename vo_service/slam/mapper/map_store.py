@@ -1,8 +1,6 @@
 """Folder of saved maps, with a limit of its size and atomic writes."""
 
-import shutil
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 
 from drivers.core import UserFacingError
@@ -10,7 +8,8 @@ from drivers.core.files import (
     MEGABYTE,
     PARTIAL_SUFFIX,
     folder_size_bytes,
-    lock_folder,
+    partial_folder,
+    remove_partial_folders,
 )
 from drivers.core.write_errors import writing
 
@@ -62,9 +61,7 @@ class MapStore:
             OSError: If that fails.
         """
         if self.folder.is_dir():
-            for part in self.folder.glob(f"*{PARTIAL_SUFFIX}"):
-                with suppress(OSError), lock_folder(part):
-                    shutil.rmtree(part, ignore_errors=True)
+            remove_partial_folders(self.folder.glob(f"*{PARTIAL_SUFFIX}"))
 
     def write(
         self, final: Path, max_total_bytes: int, write_content: Callable[[Path], None]
@@ -83,18 +80,13 @@ class MapStore:
             WriteError: The file cannot be written; nothing is left of it.
             UserFacingError: It is too large.
         """
-        part = self.folder / f"{final.name}{PARTIAL_SUFFIX}"
         with writing(final):
             self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
             self.clean_up()  # a killed process may have left partial files
-            part.mkdir(mode=0o700)
-            try:
-                with lock_folder(part):
-                    write_content(part / final.name)
-                    self._make_room(final, folder_size_bytes(part), max_total_bytes)
-                    (part / final.name).rename(final)
-            finally:
-                shutil.rmtree(part, ignore_errors=True)
+            with partial_folder(self.folder / final.name) as part:
+                write_content(part / final.name)
+                self._make_room(final, folder_size_bytes(part), max_total_bytes)
+                (part / final.name).rename(final)
         return final
 
     def _make_room(self, final: Path, size: int, max_total_bytes: int) -> None:

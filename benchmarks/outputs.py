@@ -40,12 +40,8 @@ from drivers.core import InputError
 from drivers.core.geometry import T_BODY_CAMERA
 from drivers.playback.camera import RecordingCamera
 from drivers.playback.recording_formats import open_recording
-from drivers.recording.frame_encoding import (
-    ColorFormat,
-    FrameStamps,
-    calibration_of_frame,
-    encode_image,
-)
+from drivers.recording.frame_encoding import FrameStamps, calibration_of_frame
+from drivers.recording.image_encoding import ColorFormat, encode_image
 from drivers.recording.recording_sink import StoredFrame
 from tests.ports import free_port
 from tests.resource_leaks import child_pids_of, resident_memory_kb

@@ -34,6 +34,16 @@ SINGLE = {
         "vo_service/cli/listen.py",  # prints messages as they come
         "vo_service/client/subscription.py",  # base of both clients
     },
+    "imencode": {"drivers/recording/image_encoding.py"},
+    "imwrite": set(),
+    # Which frame of a playback is due.
+    "bisect_right": {"drivers/pacing.py"},
+    "disk_usage": {"drivers/core/write_errors.py"},
+    "ThreadPoolExecutor": {
+        "drivers/recording/frame_recorder.py",
+        "drivers/synthetic/render_worker.py",  # threads that render
+        "drivers/synthetic/texture_atlas.py",  # threads that paint
+    },
     "setitimer": {"drivers/core/process/service_connection.py"},
     # The motion that most matched points agree with; the wrapper and a rival of that motion.
     "find_consensus": {"vo_service/odometry/features/verification.py"},
@@ -73,6 +83,46 @@ def callers() -> dict[str, set[str]]:
 @pytest.mark.parametrize("name", SINGLE)
 def test_a_mechanism_is_in_one_place(callers: dict[str, set[str]], name: str) -> None:
     assert callers.get(name, set()) == SINGLE[name]
+
+
+def test_what_sleeps_until_a_frame_is_due_is_one_place() -> None:
+    """A sleep is passed to the clock of a pacer; each other one waits for a device."""
+    sleepers = {
+        str(file.relative_to(ROOT))
+        for file in (ROOT / "drivers").rglob("*.py")
+        for node in ast.walk(ast.parse(file.read_text()))
+        if isinstance(node, ast.Attribute) and ast.unparse(node) == "time.sleep"
+    }
+    assert sleepers == {
+        "drivers/pacing.py",
+        "drivers/camera.py",  # before a lost camera is opened again
+        "drivers/freenect/camera.py",  # the same
+        "drivers/kinect_usb/usb_devices.py",  # the same
+        "drivers/openni2/device.py",  # a sensor that settles
+    }
+
+
+def test_numbered_files_are_named_in_one_place() -> None:
+    """FILE-0001: a number of four digits in a formatted string."""
+    namers = {
+        str(file.relative_to(ROOT))
+        for file in product_files()
+        for node in ast.walk(ast.parse(file.read_text()))
+        if isinstance(node, ast.FormattedValue)
+        and node.format_spec is not None
+        and ast.unparse(node.format_spec) == "f'04d'"
+    }
+    assert namers == {"drivers/core/files.py"}
+
+
+def test_every_frame_is_recorded_by_one_recorder() -> None:
+    """Only a recorder asks whether stamps rise and the camera stays the same, see `FrameStamps`."""
+    askers = {
+        str(file.relative_to(ROOT))
+        for file in product_files()
+        if "is_after" in called_names(ast.parse(file.read_text()))
+    }
+    assert askers == {"drivers/recording/frame_recorder.py"}
 
 
 def test_only_the_file_helpers_make_temporary_names() -> None:

@@ -22,8 +22,8 @@ from drivers.calibration import CameraCalibration, format_calibration
 from drivers.core import InputError
 from drivers.core.bounded_trajectory import SampledPath
 from drivers.core.geometry import Array, Vector, inverse, quaternion_from_rotation
-from drivers.recording.frame_encoding import ColorFormat, encode_image
 from drivers.recording.image_decoding import JPEG_START, BgrImage, DepthImage, decode_depth
+from drivers.recording.image_encoding import ColorFormat, encode_image
 from drivers.recording.recording_sink import RecordingSink, StoredFrame
 
 NS_PER_S = 1_000_000_000

@@ -23,8 +23,8 @@ from drivers.core.write_errors import (
     creating,
     writing,
 )
-from drivers.recording.frame_encoding import ColorFormat
 from drivers.recording.frame_recorder import FrameRecorder
+from drivers.recording.image_encoding import ColorFormat
 from drivers.recording.recording_sink import RecordingFile, RecordingSink
 
 _log = logging.getLogger(__name__)

@@ -1,12 +1,8 @@
-"""Frames as recordings store them: exact stamps, encoded images, and their calibration."""
+"""What recordings store of a frame beside its images: exact stamps and its calibration."""
 
 from dataclasses import dataclass
 from decimal import Decimal
-from enum import StrEnum
-from typing import Any, Self
-
-import cv2
-from numpy.typing import NDArray
+from typing import Self
 
 from drivers.calibration import NO_DISTORTION, CameraCalibration
 from drivers.camera import RgbdFrame, TimingSource
@@ -70,17 +66,3 @@ def calibration_of_frame(frame: RgbdFrame) -> CameraCalibration:
         readout_sigma_s=sigmas_s[0],
         depth_offset_sigma_s=sigmas_s[1],
     )
-
-
-class ColorFormat(StrEnum):
-    """The file format of color images; depth is always PNG."""
-
-    PNG = "png"  # lossless
-    JPEG = "jpg"  # far smaller and faster, but lossy
-
-
-def encode_image(image: NDArray[Any], kind: ColorFormat) -> bytes:
-    """Encode a color or depth image as a file."""
-    # OpenCV's own PNG settings (run lengths, horizontal differences) beat level 1 in time and size.
-    options = [cv2.IMWRITE_JPEG_QUALITY, 95] if kind is ColorFormat.JPEG else []
-    return cv2.imencode(f".{kind}", image, options)[1].tobytes()

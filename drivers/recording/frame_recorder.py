@@ -17,13 +17,8 @@ from drivers.camera import NewReadings, RgbdFrame
 from drivers.core import UserFacingError
 from drivers.core.geometry import Trajectory
 from drivers.core.write_errors import WriteError, check_disk_space
-from drivers.recording.frame_encoding import (
-    EARLIEST_STAMPS,
-    ColorFormat,
-    FrameStamps,
-    calibration_of_frame,
-    encode_image,
-)
+from drivers.recording.frame_encoding import EARLIEST_STAMPS, FrameStamps, calibration_of_frame
+from drivers.recording.image_encoding import ColorFormat, encode_image
 from drivers.recording.recording_sink import RecordingFile, RecordingSink, StoredFrame
 
 _log = logging.getLogger(__name__)

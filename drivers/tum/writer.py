@@ -11,14 +11,10 @@ from drivers.core import InputError
 from drivers.core.files import AppendOnlyFile, atomic_write
 from drivers.core.geometry import Array, Trajectory, Vector, format_pose_line
 from drivers.core.write_errors import check_disk_space, creating
-from drivers.recording.frame_encoding import (
-    ColorFormat,
-    encode_image,
-    format_stamp,
-    round_to_microseconds,
-)
+from drivers.recording.frame_encoding import format_stamp, round_to_microseconds
 from drivers.recording.frame_recorder import FrameRecorder
 from drivers.recording.image_decoding import JPEG_START, BgrImage, DepthImage
+from drivers.recording.image_encoding import ColorFormat, encode_image
 from drivers.recording.recording_sink import RecordingFile, RecordingSink, StoredFrame
 from drivers.tum.accelerometer import AccelerometerWriter
 

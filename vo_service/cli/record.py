@@ -22,7 +22,7 @@ from drivers.core import CameraError, CameraLostError, CameraNotFoundError, Inpu
 from drivers.core.geometry import Trajectory
 from drivers.playback.recording_formats import check_bag_packages
 from drivers.recording.bag_names import is_bag_file
-from drivers.recording.frame_encoding import ColorFormat
+from drivers.recording.image_encoding import ColorFormat
 from drivers.registry import open_camera
 from drivers.synthetic.config import SyntheticConfig
 from drivers.tum.writer import TumWriter

@@ -3,13 +3,13 @@
 import io
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera
 from drivers.core.geometry import Array, inverse, rigid_transform, transform_points
 from drivers.core.jit import kernel
+from drivers.recording.image_encoding import ColorFormat, encode_image
 from vo_service.reconstruction.mesh import Mesh
 
 RgbImage = NDArray[np.uint8]
@@ -232,4 +232,4 @@ def render_camera_view(mesh: Mesh, camera: PinholeCamera, T_world_camera: Array)
 
 
 def _encode_png(image_rgb: RgbImage) -> bytes:
-    return cv2.imencode(".png", np.ascontiguousarray(image_rgb[:, :, ::-1]))[1].tobytes()
+    return encode_image(np.ascontiguousarray(image_rgb[:, :, ::-1]), ColorFormat.PNG)

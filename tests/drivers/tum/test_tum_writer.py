@@ -14,7 +14,8 @@ from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core import InputError, UserFacingError
 from drivers.core.geometry import Trajectory
 from drivers.playback.camera import RecordingCamera
-from drivers.recording.frame_encoding import ColorFormat, FrameStamps, format_stamp
+from drivers.recording.frame_encoding import FrameStamps, format_stamp
+from drivers.recording.image_encoding import ColorFormat
 from drivers.tum.writer import MAX_PENDING_FRAMES, TumWriter
 from tests.drivers.tum.read_recording import read_recording
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.camera import AccelerometerReading, RgbdFrame
+from drivers.recording.image_encoding import ColorFormat, encode_image, encode_jpeg
 from vo_service.ros_messages.sensors import (
     DEPTH_PNG_HEADER,
     CameraInfoMessage,
@@ -58,12 +59,14 @@ class FrameMessages:
 
     def color_jpeg(self, quality: int) -> CompressedImageMessage:
         """The color image as a JPEG of quality 1 to 100."""
-        data = _encode(".jpg", self.frame.color_bgr, (cv2.IMWRITE_JPEG_QUALITY, quality))
+        data = encode_jpeg(self.frame.color_bgr, quality)
         return CompressedImageMessage(self.stamp_s, self.frame_id, JPEG_FORMAT, data)
 
     def depth_png(self) -> CompressedImageMessage:
         """The depth image as a PNG, in the form of ROS's compressedDepth."""
-        data = DEPTH_PNG_HEADER + _encode(".png", depth_in_mm(self.frame), _PNG_OPTIONS)
+        data = DEPTH_PNG_HEADER + encode_image(
+            depth_in_mm(self.frame), ColorFormat.PNG, _PNG_OPTIONS
+        )
         return CompressedImageMessage(self.stamp_s, self.frame_id, DEPTH_PNG_FORMAT, data)
 
     def camera_info(self) -> CameraInfoMessage:
@@ -98,12 +101,3 @@ def depth_in_mm(frame: RgbdFrame) -> NDArray[np.uint16]:
         return frame.depth_raw
     depth_mm = np.rint(frame.depth_raw * (1000.0 / frame.depth_factor))
     return np.where(depth_mm <= _MAX_DEPTH_MM, depth_mm, 0).astype(np.uint16)
-
-
-def _encode(
-    suffix: str, image: NDArray[np.uint8] | NDArray[np.uint16], options: tuple[int, ...]
-) -> bytes:
-    is_encoded, data = cv2.imencode(suffix, image, options)
-    if not is_encoded:
-        raise ValueError(f"OpenCV cannot write {image.shape} {image.dtype} as {suffix}")
-    return data.tobytes()

@@ -17,7 +17,7 @@ from drivers.core.files import check_writable
 from drivers.core.process.record_ring import RecordRingReader, RingRecord
 from drivers.core.process.service_connection import ServiceConnection
 from drivers.core.write_errors import writing
-from drivers.recording.frame_encoding import ColorFormat
+from drivers.recording.image_encoding import ColorFormat
 from drivers.tum.writer import TumWriter
 from vo_service.config_tables import MIN_FREE_BYTES
 from vo_service.frame_record import decode_frame, decode_metadata

@@ -5,13 +5,13 @@ Imports rerun: only for the viewer's process.
 
 from collections.abc import Sequence
 
-import cv2
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, quaternion_from_rotation
+from drivers.recording.image_encoding import encode_jpeg
 from vo_service.outputs.rerun import blueprint as paths
 from vo_service.outputs.rerun.blueprint import MAP
 from vo_service.outputs.rerun.messages import (
@@ -253,8 +253,8 @@ class RerunScene:
         self._stream.log(paths.POINTS, cloud)
 
     def _jpeg(self, image_bgr: NDArray[np.uint8]) -> rr.EncodedImage:
-        _, encoded = cv2.imencode(".jpg", image_bgr, [cv2.IMWRITE_JPEG_QUALITY, self._jpeg_quality])
-        return rr.EncodedImage(contents=encoded.tobytes(), media_type="image/jpeg")
+        jpeg = encode_jpeg(image_bgr, self._jpeg_quality)
+        return rr.EncodedImage(contents=jpeg, media_type="image/jpeg")
 
 
 def _is_same_timing(one: OnlineTiming, other: OnlineTiming) -> bool:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from drivers.camera import PinholeCamera
 from drivers.core.geometry import Array
 from drivers.core.process.record_ring import RingRecord
+from drivers.recording.image_encoding import encode_jpeg
 from vo_service.frame_record import decode_frame, decode_metadata, unpack_depth
 from vo_service.slam.keyframe_selection import pose_distance_steps
 from vo_service.slam.pose_graph import AnchoredPose
@@ -52,13 +53,12 @@ class MeshKeyframe:
         """Make a keyframe of a frame in the ring, whose world frame is `odom`."""
         metadata = decode_metadata(record.metadata)
         color_bgr = decode_frame(record, 0.0).color_bgr
-        options = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
         return cls(
             epoch=metadata.published.epoch,
             T_odom_camera=metadata.published.T_world_camera,
             camera=metadata.camera,
             depth_factor=metadata.depth_factor,
-            jpeg=cv2.imencode(".jpg", color_bgr, options)[1].tobytes(),
+            jpeg=encode_jpeg(color_bgr, JPEG_QUALITY),
             packed_depth=zlib.compress(record.payload[: metadata.depth_bytes], level=1),
             anchored_pose=anchored_pose,
         )

@@ -1,10 +1,10 @@
 """Preview of a live calibration in Rerun. Imports rerun: load it lazily."""
 
-import cv2
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from drivers.recording.image_encoding import encode_jpeg
 from vo_service.tools.calibration.collect_live import BoardPreviewFrame
 from vo_service.tools.calibration.view_selection import convex_outline
 
@@ -47,8 +47,7 @@ class BoardScene:
         stream = self._stream
         stream.set_time(TIMELINE, sequence=self._seq)
         self._seq += 1
-        quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
-        jpeg = cv2.imencode(".jpg", item.snapshot.color_bgr, quality)[1].tobytes()
+        jpeg = encode_jpeg(item.snapshot.color_bgr, JPEG_QUALITY)
         stream.log(IMAGE_PATH, rr.EncodedImage(contents=jpeg, media_type="image/jpeg"))
         # Pixel centers in Rerun are at one half.
         points = rr.Points2D(

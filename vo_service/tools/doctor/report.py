@@ -17,7 +17,7 @@ from drivers.camera import RgbdCamera
 from drivers.core import InputError
 from drivers.core.files import atomic_file
 from drivers.core.write_errors import creating, writing
-from drivers.recording.frame_encoding import ColorFormat
+from drivers.recording.image_encoding import ColorFormat
 from drivers.tum.writer import TumWriter
 from vo_service.tools.doctor.stream_probe import probe_stream
 from vo_service.tools.doctor.usb_probe import KernelUsbDevice, list_usb_devices

@@ -1,6 +1,5 @@
-"""Recording into MCAP: lossless if raw, and whole after a crash or on a full disk."""
+"""Recording into MCAP: its messages, and that it is whole after a crash or on a full disk."""
 
-import resource
 import signal
 import subprocess
 import sys
@@ -16,7 +15,7 @@ from ruamel.yaml import YAML
 from drivers.bag import mcap_recorder
 from drivers.bag.mcap_recorder import McapRecorder
 from drivers.camera import AccelerometerReading, RgbdFrame
-from drivers.core import InputError, UserFacingError, write_errors
+from drivers.core import UserFacingError, write_errors
 from drivers.core.geometry import Trajectory, rigid_transform
 from drivers.playback.camera import RecordingCamera
 from drivers.playback.recording_formats import open_recording
@@ -35,25 +34,6 @@ def record(path: Path, frames: list[RgbdFrame], is_raw: bool = False) -> None:
         for frame in frames:
             recorder.write(frame)
     assert recorder.written == len(frames)
-
-
-def test_a_raw_recording_replays_the_same_frames_to_the_last_bit(
-    make_frame: FrameMaker, tmp_path: Path
-) -> None:
-    gravity = (0.12345678901234567, 9.8, -0.3)
-    frames = [
-        make_frame(k, stamp_s=0.1 + k / 30, skew_s=0.01 - k / 3000, gravity_m_s2=gravity)
-        for k in range(8)
-    ]
-    record(tmp_path / "a.mcap", frames, is_raw=True)
-    for ours, theirs in zip(replay(tmp_path / "a.mcap"), frames, strict=True):
-        assert (ours.stamp_s, ours.skew_s, ours.camera) == (
-            theirs.stamp_s, theirs.skew_s, theirs.camera,
-        )  # fmt: skip
-        assert (ours.depth_factor, ours.gravity_m_s2) == (5000.0, gravity)
-        assert ours.timing_prior == theirs.timing_prior
-        np.testing.assert_array_equal(ours.color_bgr, theirs.color_bgr)
-        np.testing.assert_array_equal(ours.depth_raw, theirs.depth_raw)
 
 
 @pytest.mark.parametrize("depth_factor", [1000.0, 5000.0])
@@ -153,18 +133,6 @@ def test_each_reading_of_the_accelerometer_is_recorded_once_with_its_stamp(
     assert [frame.gravity_m_s2 for frame in replay(tmp_path / "a.mcap")] == [gravity] * 6
 
 
-def test_ground_truth_is_kept(make_frame: FrameMaker, tmp_path: Path) -> None:
-    T = np.stack([np.eye(4)] * 2)
-    T[1, :3, 3] = [1.0, -2.0, 0.5]
-    truth = Trajectory(np.array([999.25, 1000.5]), T)
-    with McapRecorder(tmp_path / "a.mcap", ground_truth=truth) as recorder:
-        recorder.write(make_frame(0))
-    read = open_recording(tmp_path / "a.mcap").ground_truth
-    assert read is not None
-    np.testing.assert_array_equal(read.stamps_s, truth.stamps_s)
-    np.testing.assert_array_equal(read.T_world_camera, T)
-
-
 def test_the_ground_truth_ends_after_the_last_frame(make_frame: FrameMaker, tmp_path: Path) -> None:
     truth = Trajectory(np.arange(990.0, 2000.0), np.tile(np.eye(4), (1010, 1, 1)))
     with McapRecorder(tmp_path / "a.mcap", ground_truth=truth) as recorder:
@@ -173,20 +141,6 @@ def test_the_ground_truth_ends_after_the_last_frame(make_frame: FrameMaker, tmp_
     read = open_recording(tmp_path / "a.mcap").ground_truth
     assert read is not None
     np.testing.assert_array_equal(read.stamps_s, np.arange(990.0, 1002.0))
-
-
-def test_frames_that_cannot_be_recorded_are_refused(
-    make_frame: FrameMaker, tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    with McapRecorder(tmp_path / "a.mcap") as recorder:
-        recorder.write(make_frame(1))
-        recorder.write(make_frame(0))
-        with pytest.raises(UserFacingError, match="the camera changed during recording"):
-            recorder.write(make_frame(2, depth_factor=1000.0))
-    assert (recorder.written, recorder.skipped) == (1, 1)
-    assert "its stamp does not rise" in caplog.text
-    with pytest.raises(InputError, match=r"a\.mcap: cannot be written: File exists"):
-        McapRecorder(tmp_path / "a.mcap")
 
 
 def test_a_disk_that_fills_leaves_a_whole_file(
@@ -201,24 +155,6 @@ def test_a_disk_that_fills_leaves_a_whole_file(
                 recorder.write(make_frame(k))
     assert len(replay(tmp_path / "a.mcap")) == 6
     assert "cut off" not in open_recording(tmp_path / "a.mcap").summary
-
-
-def test_a_full_disk_leaves_what_was_written(
-    make_frame: FrameMaker, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(frame_recorder, "FLUSH_PERIOD_S", 0.0)
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, before[1]))
-    try:
-        with pytest.raises(UserFacingError, match=r"a\.mcap: the disk is full"):  # noqa: PT012, SIM117
-            with McapRecorder(tmp_path / "a.mcap", is_raw=True) as recorder:
-                for k in range(1000):
-                    recorder.write(make_frame(k))
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-    frames = replay(tmp_path / "a.mcap")
-    assert len(frames) == recorder.written > 3
-    np.testing.assert_array_equal(frames[-1].color_bgr, make_frame(len(frames) - 1).color_bgr)
 
 
 RECORD_FOR_EVER = """

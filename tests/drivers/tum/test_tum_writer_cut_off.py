@@ -81,13 +81,3 @@ def test_a_full_disk_is_one_clear_error_and_the_written_part_replays(tmp_path: P
     assert message.endswith("complete; free some space\n")
     assert len(read_recording(tmp_path / "copy")) == int(written) > 3
     assert not list((tmp_path / "copy").rglob(".*"))
-
-
-def test_a_file_size_limit_is_one_clear_error_and_the_written_part_replays(tmp_path: Path) -> None:
-    """The kernel refuses the lists' next byte in the middle of a line."""
-    command = [sys.executable, "-c", RECORD_FOR_EVER, str(tmp_path / "r"), "1000000"]
-    limited = ["prlimit", "--fsize=20000", *command]
-    done = subprocess.run(limited, capture_output=True, text=True, check=True)
-    written, message = done.stdout.removeprefix("ready\n").split(" ", 1)
-    assert "the disk is full (File too large); the " in message
-    assert len(read_recording(tmp_path / "r")) == int(written) > 100

@@ -1,0 +1,149 @@
+"""What a recorder does whatever it writes into: a folder or an MCAP file."""
+
+import dataclasses
+import logging
+import weakref
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.bag.mcap_recorder import McapRecorder
+from drivers.camera import RgbdFrame
+from drivers.core import UserFacingError
+from drivers.core.geometry import Trajectory
+from drivers.playback.camera import RecordingCamera
+from drivers.recording import frame_recorder
+from drivers.recording.frame_recorder import FrameRecorder
+from drivers.tum.writer import TumWriter
+from tests.full_disk import limit_file_size
+
+FrameMaker = Callable[..., RgbdFrame]
+MakeRecorder = Callable[..., FrameRecorder]
+# What may wait for the disk, and the frame that the writer has.
+MAX_ALIVE = {"folder": 4 + 2, "mcap": 30 + 2}
+
+
+@pytest.fixture(params=["folder", "mcap"])
+def kind(request: pytest.FixtureRequest) -> str:
+    name: str = request.param
+    return name
+
+
+@pytest.fixture
+def make_recorder(kind: str, tmp_path: Path) -> MakeRecorder:
+    """A lossless recorder."""
+
+    def make(truth: Trajectory | None = None) -> FrameRecorder:
+        if kind == "folder":
+            return TumWriter(tmp_path / "r", ground_truth=truth)
+        return McapRecorder(tmp_path / "r.mcap", ground_truth=truth, is_raw=True)
+
+    return make
+
+
+def replay(recorder: FrameRecorder) -> list[RgbdFrame]:
+    with RecordingCamera(recorder.path) as camera:
+        return list(camera)
+
+
+def assert_same(ours: list[RgbdFrame], theirs: list[RgbdFrame]) -> None:
+    assert len(ours) == len(theirs) > 0
+    for a, b in zip(ours, theirs, strict=True):
+        for name in ("stamp_s", "skew_s", "readout_s", "camera", "depth_factor", "gravity_m_s2"):
+            assert getattr(a, name) == getattr(b, name)
+        assert a.timing_prior == b.timing_prior
+        np.testing.assert_array_equal(a.color_bgr, b.color_bgr)
+        np.testing.assert_array_equal(a.depth_raw, b.depth_raw)
+
+
+def test_a_recording_replays_the_same_frames_to_the_last_bit(
+    make_frame: FrameMaker, make_recorder: MakeRecorder
+) -> None:
+    gravity = (0.12345678901234567, 9.8, -0.3)
+    frames = [
+        make_frame(
+            k, stamp_s=12345.678901234567 + k / 30, skew_s=0.01 - k / 3000, gravity_m_s2=gravity
+        )
+        for k in range(8)
+    ]
+    with make_recorder() as recorder:
+        for frame in frames:
+            recorder.write(frame)
+    assert recorder.written == 8
+    assert_same(replay(recorder), frames)
+
+
+def test_ground_truth_is_kept(make_frame: FrameMaker, make_recorder: MakeRecorder) -> None:
+    T = np.stack([np.eye(4)] * 2)
+    T[1, :3, 3] = [1.0, -2.0, 0.5]
+    truth = Trajectory(np.array([999.25, 1000.5]), T)
+    with make_recorder(truth) as recorder:
+        recorder.write(make_frame(0))
+    with RecordingCamera(recorder.path) as camera:
+        read = camera.ground_truth
+    assert read is not None
+    np.testing.assert_array_equal(read.stamps_s, truth.stamps_s)
+    np.testing.assert_allclose(read.T_world_camera, T)
+
+
+@pytest.mark.parametrize("stamp_s", [1000.0, 1000.0000001, 999.0])
+def test_a_stamp_that_does_not_increase_is_skipped_and_reported(
+    make_frame: FrameMaker,
+    make_recorder: MakeRecorder,
+    stamp_s: float,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    with caplog.at_level(logging.WARNING), make_recorder() as recorder:
+        for frame in (make_frame(0), make_frame(1, stamp_s=stamp_s), make_frame(2)):
+            recorder.write(frame)
+    assert (recorder.written, recorder.skipped) == (2, 1)
+    assert "frame 1 is not recorded: its stamp does not rise" in caplog.text
+    assert_same(replay(recorder), [make_frame(0), make_frame(2)])
+
+
+def test_a_change_of_the_camera_is_rejected(
+    make_frame: FrameMaker, make_recorder: MakeRecorder
+) -> None:
+    with make_recorder() as recorder:
+        recorder.write(make_frame(0))
+        with pytest.raises(UserFacingError, match="the camera changed during recording"):
+            recorder.write(dataclasses.replace(make_frame(1), depth_factor=1000.0))
+        with pytest.raises(UserFacingError, match=r"readout 0\.03 s"):
+            recorder.write(make_frame(2, readout_s=0.03))
+    assert len(replay(recorder)) == 1
+
+
+def test_a_full_disk_leaves_what_was_written_and_is_one_error(
+    make_frame: FrameMaker, make_recorder: MakeRecorder, kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(frame_recorder, "FLUSH_PERIOD_S", 0.0)
+    recorder = make_recorder()
+    with limit_file_size(8_000 if kind == "folder" else 200_000):
+        colors = (np.full((48, 64, 3), k % 256, np.uint8) for k in range(1000))
+        frames = (make_frame(k, color_bgr=color) for k, color in enumerate(colors))
+        with pytest.raises(UserFacingError, match=r"the disk is full \(File too large\); the "):
+            deque(map(recorder.write, frames), maxlen=0)
+        with pytest.raises(UserFacingError, match="the disk is full"):
+            recorder.write(make_frame(1000))
+        recorder.close()
+        recorder.close()
+    read = replay(recorder)
+    assert len(read) == recorder.written > 3
+    assert read[-1].color_bgr[0, 0, 0] == (len(read) - 1) % 256
+
+
+def test_memory_does_not_grow_with_the_recording(
+    make_frame: FrameMaker, make_recorder: MakeRecorder, kind: str
+) -> None:
+    images = []
+    with make_recorder() as recorder:
+        for seq in range(60):
+            frame = make_frame(seq)
+            images.append(weakref.ref(frame.color_bgr))
+            recorder.write(frame)
+            alive = [image for image in images if image() is not None]
+            assert len(alive) <= MAX_ALIVE[kind]
+    assert recorder.written == 60

@@ -6,6 +6,7 @@ from typing import Generic, TypeVar
 
 from drivers.core import UserFacingError
 from drivers.core.queues import BoundedQueue, WorkerThread
+from vo_service.outputs.write_fault import WriteFault
 
 T = TypeVar("T")
 
@@ -23,8 +24,7 @@ class FileOutput(ABC, Generic[T]):
     def __init__(self, path: Path, name: str, items: str, close_timeout_s: float) -> None:
         self._path, self._name, self._items = path, name, items
         self._close_timeout_s = close_timeout_s
-        self._fault: UserFacingError | None = None  # nothing is written at present
-        self._data_loss: UserFacingError | None = None
+        self._fault = WriteFault()
         self._worker: WorkerThread[T]
 
     def _start(self, thread_name: str, queue: BoundedQueue[T]) -> None:
@@ -42,17 +42,14 @@ class FileOutput(ABC, Generic[T]):
     @property
     def warning(self) -> str:
         """Why the file is incomplete; "" while it is complete."""
-        fault = self._fault  # the thread may clear it
-        if fault is not None:
-            return str(fault)
-        if self._worker.dropped:
+        if not (fault := str(self._fault)) and self._worker.dropped:
             return f"{self._path}: the disk is too slow; {self._items} are missing"
-        return ""
+        return fault
 
     def close(self) -> None:
         """Complete the file. Raises UserFacingError, once, if it is incomplete."""
         has_ended = self._worker.close(self._close_timeout_s)
-        error, self._data_loss = self._data_loss, None
+        error, self._fault.data_loss = self._fault.data_loss, None
         if error is not None:
             raise UserFacingError(f"{self._path}: the {self._name} is incomplete") from error
         if not has_ended:

@@ -1,7 +1,6 @@
 """The output that records frames with poses, transforms, timing and status into an MCAP file."""
 
 import logging
-import math
 import sys
 import time
 from collections.abc import Callable
@@ -56,7 +55,6 @@ FRAME_IDS = FrameIds("odom", BASE_FRAME, "map")
 MAX_QUEUED = 8
 # A file that is begun has room for this: not many small ones on a disk that is nearly full.
 MIN_FILE_BYTES = 100_000_000
-RETRY_PERIOD_S = 1.0
 PATH_COLOR_BGR = (40, 150, 255)
 CLOSE_TIMEOUT_S, LOCKSTEP_CLOSE_TIMEOUT_S = 2.0, 25.0
 # A status with the time at which the service gave it, CLOCK_MONOTONIC.
@@ -122,7 +120,6 @@ class McapOutput(FileOutput[Item]):
         self._create, self._can_retry = create, can_retry
         self._ground_truth = ground_truth
         self._recorder: McapRecorder | None = None
-        self._retry_s = 0.0
         # The last published stamp, and the time on CLOCK_MONOTONIC when it came.
         self._last_stamp_s: tuple[float, float] | None = None
         self._trail = SampledPath()
@@ -137,12 +134,6 @@ class McapOutput(FileOutput[Item]):
             self._fail(error)
         self._start("mcap", queue)
 
-    @property
-    def warning(self) -> str:
-        """Why the recording is incomplete; "" while it is complete."""
-        is_paused = self._fault is not None and self._can_retry
-        return f"{super().warning}; recording then continues" if is_paused else super().warning
-
     def on_update(self, update: OdometryUpdate) -> None:
         """Queue a frame and its pose."""
         self._worker.put(update)
@@ -152,7 +143,7 @@ class McapOutput(FileOutput[Item]):
         self._worker.put((status, time.monotonic()))
 
     def _write(self, item: Item) -> None:
-        if self._recorder is None and time.monotonic() < self._retry_s:
+        if not self._fault.is_retry_due:
             return
         try:
             recorder = self._recorder or self._begin_next()
@@ -165,7 +156,8 @@ class McapOutput(FileOutput[Item]):
 
     def _begin_next(self) -> McapRecorder:
         self._recorder = self._create()
-        self._last_stamp_s = self._fault = None
+        self._last_stamp_s = None
+        self._fault.clear()
         logger.info("%s: recording again", self._path)
         return self._recorder
 
@@ -239,12 +231,8 @@ class McapOutput(FileOutput[Item]):
 
     def _fail(self, error: UserFacingError) -> None:
         """End the file. Only a disk may work again; each kind of fault is logged once."""
-        is_new = getattr(error, "errno", None) != getattr(self._fault, "errno", -1)
-        if is_new:
-            self._fault = self._data_loss = error
+        if self._fault.set(error, can_retry=self._can_retry and isinstance(error, WriteError)):
             logger.warning("%s", self.warning)
-        can_retry = self._can_retry and isinstance(error, WriteError)
-        self._retry_s = time.monotonic() + RETRY_PERIOD_S if can_retry else math.inf
         recorder, self._recorder = self._recorder, None
         with suppress(UserFacingError):
             if recorder is not None:

@@ -168,7 +168,7 @@ def test_a_full_disk_is_a_warning_of_the_service_until_there_is_space(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     monkeypatch.setattr("drivers.recording.frame_recorder.FLUSH_PERIOD_S", 0.0)
-    monkeypatch.setattr("vo_service.outputs.mcap_recording.RETRY_PERIOD_S", 0.0)
+    monkeypatch.setattr("vo_service.outputs.write_fault.RETRY_PERIOD_S", 0.0)
     path, numbers = tmp_path / "a.mcap", count()
     disk = {"free": 10**12 if frames_before else 0}
     monkeypatch.setattr(write_errors, "free_disk_bytes", lambda _: disk["free"])

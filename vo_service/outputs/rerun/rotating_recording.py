@@ -19,18 +19,15 @@ from vo_service.outputs.rerun.messages import (
 )
 from vo_service.outputs.rerun.scene import RerunScene
 from vo_service.outputs.rerun.sinks import APPLICATION, BrokenFileError, Sink, ViewerGoneError
+from vo_service.outputs.write_fault import WriteFault
 
-CHECK_PERIOD_S = RETRY_PERIOD_S = 1.0
+CHECK_PERIOD_S = 1.0
 
 
 class RotatingRecording:
     """Draws messages into a sink. A full file is followed by a new, self-contained one.
 
     Imports rerun: only for the viewer's process.
-
-    Attributes:
-        fault: The current fault, "" if there is none.
-        data_loss: Why data was lost, "" if none was.
     """
 
     def __init__(self, config: RerunWorkerConfig) -> None:
@@ -46,10 +43,10 @@ class RotatingRecording:
         # One stream for all files: Rerun never frees the memory of a stream, 3 MB each.
         self._stream = rr.RecordingStream(APPLICATION, recording_id=config.recording_id)
         self._initial_state = InitialState()
-        self._scene: RerunScene | _NullScene = _NullScene()
+        self._fault = WriteFault()
+        self._scene: RerunScene | _NullScene = _NullScene(self._fault)
         self._abandoned_scene: RerunScene | _NullScene = self._scene
         self._last_check_s = time.monotonic()
-        self.fault = self.data_loss = ""
         try:
             self._start_scene()
         except WriteError as error:
@@ -93,7 +90,17 @@ class RotatingRecording:
     def _start_scene(self) -> None:
         self._sink.attach(self._stream, make_blueprint())
         self._scene = RerunScene(self._stream, self._initial_state, self._config.jpeg_quality)
-        self.fault = ""
+        self._fault.clear()
+
+    @property
+    def fault(self) -> str:
+        """The current fault, "" if there is none."""
+        return str(self._fault)
+
+    @property
+    def data_loss(self) -> str:
+        """Why data was lost, "" if none was."""
+        return str(self._fault.data_loss or "")
 
     def check(self) -> None:
         """Check now and then that data arrives; start a new scene if the file is full.
@@ -119,24 +126,23 @@ class RotatingRecording:
     def _suspend(self, error: UserFacingError) -> None:
         """Draw nothing until the next retry."""
         self._scene.finish()
-        self._disable(f"{error}; recording then continues", time.monotonic() + RETRY_PERIOD_S)
+        self._disable(error, can_retry=True)
 
     def _stop(self, error: UserFacingError) -> None:
         """Draw nothing any more. The scene is not finished, as that could block forever."""
         self._abandoned_scene = self._scene
-        self._disable(str(error), float("inf"))
+        self._disable(error, can_retry=False)
 
-    def _disable(self, fault: str, retry_s: float) -> None:
-        self._scene = _NullScene(retry_s)
-        self.fault = fault
-        self.data_loss = self.data_loss or self.fault
+    def _disable(self, error: UserFacingError, *, can_retry: bool) -> None:
+        self._fault.set(error, can_retry=can_retry)
+        self._scene = _NullScene(self._fault)
 
 
 class _NullScene:
-    """Scene that draws nothing until `retry_s`."""
+    """Scene that draws nothing until a retry is due."""
 
-    def __init__(self, retry_s: float = 0.0) -> None:
-        self._retry_s = retry_s
+    def __init__(self, fault: WriteFault) -> None:
+        self._fault = fault
 
     def log(self, message: RerunMessage) -> None:
         """Ignore the message."""
@@ -146,7 +152,7 @@ class _NullScene:
 
     def should_rotate(self, sink: Sink) -> bool:
         """Return whether a retry is due."""
-        return time.monotonic() >= self._retry_s
+        return self._fault.is_retry_due
 
     def finish(self) -> None:
         """Do nothing."""

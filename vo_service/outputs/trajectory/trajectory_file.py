@@ -70,7 +70,7 @@ class TrajectoryFileOutput(FileOutput[bytes]):
 
     def on_update(self, update: OdometryUpdate) -> None:
         """Queue one line if this frame has its own pose."""
-        if update.estimate.ok and self._fault is None:
+        if update.estimate.ok and not self._fault:
             self._is_rising &= update.stamp_s > self._last_stamp_s
             self._last_stamp_s = update.stamp_s
             self._worker.put(format_pose_line(update.stamp_s, update.T_world_camera).encode())
@@ -79,7 +79,7 @@ class TrajectoryFileOutput(FileOutput[bytes]):
         """Do nothing: the file holds poses only."""
 
     def _write(self, item: bytes) -> None:
-        if self._fault is not None:
+        if self._fault:
             return
         try:
             check_in_place(self._file.fileno(), self._path)
@@ -115,7 +115,7 @@ class TrajectoryFileOutput(FileOutput[bytes]):
             self._fail(error)
 
     def _fail(self, error: WriteError) -> None:
-        self._fault = self._data_loss = error
+        self._fault.set(error, can_retry=False)
         logger.error("%s", error)
 
 

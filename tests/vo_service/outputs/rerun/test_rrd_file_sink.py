@@ -31,6 +31,7 @@ from tests.vo_service.outputs.rerun.rerun_recording import (
     read_column,
 )
 from tests.waiting import wait_until
+from vo_service.outputs import write_fault
 from vo_service.outputs.rerun import output as rerun_output
 from vo_service.outputs.rerun import rotating_recording, sinks
 from vo_service.outputs.rerun.blueprint import make_blueprint
@@ -65,7 +66,7 @@ def free_bytes(monkeypatch: pytest.MonkeyPatch) -> list[int]:
         return free_sizes.pop(0) if len(free_sizes) > 1 else free_sizes[0]
 
     monkeypatch.setattr(rotating_recording, "CHECK_PERIOD_S", 0.0)
-    monkeypatch.setattr(rotating_recording, "RETRY_PERIOD_S", 0.0)
+    monkeypatch.setattr(write_fault, "RETRY_PERIOD_S", 0.0)
     monkeypatch.setattr(write_errors, "free_disk_bytes", free_bytes)
     return free_sizes
 

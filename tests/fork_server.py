@@ -35,7 +35,7 @@ def load() -> None:
     import vo_service.cli.run  # noqa: F401
     from tests.forked_process import WORKERS
     from tests.warm_ups import skip_repeated_warm_ups
-    from vo_service.cli.options import prepare_kernels
+    from vo_service.cli.kernels import prepare_kernels
     from vo_service.config import Config
     from vo_service.frame_record import compile_kernels
     from vo_service.reconstruction.warm_up import warm_up_reconstruction

@@ -68,8 +68,14 @@ class ExtraOutputsConfig:
 class CameraConfig:
     """`[camera]`: source of the frames."""
 
-    source: Annotated[str, Field(f"one of {', '.join(CAMERA_USAGES.values())}")] = "synthetic"
-    file: Annotated[Path | None, "camera file: intrinsics, distortion, registration"] = None
+    source: Annotated[
+        str,
+        Field(f"the camera: {', '.join(CAMERA_USAGES.values())}, or NAME[:ARGUMENT] of a plug-in"),
+    ] = "synthetic"
+    file: Annotated[
+        Path | None,
+        "camera file (TOML, or YAML of OpenCV, ROS or ORB-SLAM) of the sensor or recording",
+    ] = None
     stamp_offset_s: Annotated[
         float, Field("added to every published stamp, seconds", minimum=-1.0, maximum=1.0)
     ] = 0.0
@@ -85,9 +91,9 @@ class CameraConfig:
 class OdometryConfig:
     """`[odometry]`: estimation of the motion."""
 
-    method: Annotated[str, Field(f"one of {', '.join(METHODS.built_in)}, or a plug-in")] = (
-        DEFAULT_METHOD
-    )
+    method: Annotated[
+        str, Field(f"odometry method: {', '.join(METHODS.built_in)}, or a plug-in's")
+    ] = DEFAULT_METHOD
     feature_count: Annotated[
         int,
         Field(
@@ -100,8 +106,8 @@ class OdometryConfig:
     upright: Annotated[bool, "true for a camera that never rolls: faster, more matches"] = False
     timing: Annotated[
         str,
-        '"learned" = learn timing and focal length (method direct); '
-        '"fixed" = as in the camera file',
+        "readout, delay and focal length of the sensor: learned while the method direct runs, or "
+        "fixed as the camera file tells",
     ] = DEFAULT_TIMING_MODE
 
     def __post_init__(self) -> None:

@@ -19,7 +19,9 @@ class RerunConfig:
     """`[rerun]`: targets and settings of the viewer."""
 
     targets: Annotated[
-        tuple[str, ...], "any of: serve, connect, connect:HOST:PORT, or a file that ends in .rrd"
+        tuple[str, ...],
+        "serve (a page on this computer), connect or connect:HOST:PORT (an open viewer), or "
+        "FILE.rrd (a recording)",
     ] = ()
     picture_hz: Annotated[
         float,
@@ -107,7 +109,7 @@ class ZenohConfig:
     """
 
     prefix: Annotated[
-        str, "first part of every key: PREFIX/odom, PREFIX/status, PREFIX/alive and others"
+        str, "prefix of the Zenoh keys: PREFIX/odom, PREFIX/status, PREFIX/alive and others"
     ] = "kinect"
     listen: Annotated[
         tuple[str, ...], "endpoints to listen on; the default accepts this computer only"

@@ -318,6 +318,12 @@ def format_pose_line(stamp_s: float, T_world_camera: Array) -> str:
     return f"{stamp_s:.6f} {position} {' '.join(f'{v:.9f}' for v in q)}\n"
 
 
+def format_trajectory(trajectory: Trajectory, offset_s: float = 0.0) -> bytes:
+    """Format a trajectory file; `offset_s` is added to the stamps."""
+    stamps_s = trajectory.stamps_s + offset_s
+    return "".join(map(format_pose_line, stamps_s, trajectory.T_world_camera)).encode()
+
+
 def parse_pose(text: Sequence[str], where: str) -> tuple[float, Array]:
     """Parse stamp, position and quaternion. Raises InputError with the place `where`."""
     if len(text) != 8:

@@ -1,9 +1,12 @@
 """``kinect-vo certificates``: make keys and certificates for a test network."""
 
 import argparse
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 from drivers.core import InputError
+from vo_service.cli.request import CommandRequest, Option, argument, option
 from vo_service.tools.certificates import AUTHORITY_DAYS, CertificateAuthority
 
 EPILOG = f"""\
@@ -24,56 +27,74 @@ company's own authority works as well: EC keys in PKCS#8, host names in subjectA
 """
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's options."""
-    parser.add_argument(
-        "folder", metavar="FOLDER", type=Path, help="the authority's folder, or a new one"
-    )
-    parser.add_argument(
-        "--host", metavar="HOST", action="append", default=[],
-        help="name or address by which others reach the computer that listens; several are one "
+def _parse_days(text: str) -> int:
+    if not text.isdecimal() or not 1 <= int(text) <= AUTHORITY_DAYS:
+        raise argparse.ArgumentTypeError(
+            f"{text} is not a number of days: give 1 to {AUTHORITY_DAYS}"
+        )
+    return int(text)
+
+
+def _clients(who: str) -> Option:
+    text = f"{who}; may be given several times"
+    return Option(text, metavar="NAME", is_repeated=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CertificatesRequest(CommandRequest):
+    """Names of the certificates to make."""
+
+    folder: Path = argument("the authority's folder, or a new one", "FOLDER")
+    host: tuple[str, ...] = option(
+        "name or address by which others reach the computer that listens; several are one "
         "certificate",
-    )  # fmt: skip
-    for role, text in (
-        ("robot", "a robot that connects to a router; NAME is its prefix"),
-        ("reader", "a program that reads poses and status"),
-        ("viewer", "a program that also sees the images"),
-        ("operator", "a program that also sends commands"),
-    ):
-        parser.add_argument(
-            f"--{role}", metavar="NAME", action="append", default=[],
-            help=f"{text}; may be given several times",
-        )  # fmt: skip
-    parser.add_argument(
-        "--days", metavar="N", type=_parse_days, default=365,
-        help="validity of the certificates, in days (default: %(default)s)",
-    )  # fmt: skip
+        (),
+        metavar="HOST",
+        is_repeated=True,
+    )
+    robot: Annotated[
+        tuple[str, ...], _clients("a robot that connects to a router; NAME is its prefix")
+    ] = ()
+    reader: Annotated[tuple[str, ...], _clients("a program that reads poses and status")] = ()
+    viewer: Annotated[tuple[str, ...], _clients("a program that also sees the images")] = ()
+    operator: Annotated[tuple[str, ...], _clients("a program that also sends commands")] = ()
+    days: int = option(
+        "validity of the certificates, in days (default: %(default)s)",
+        365,
+        metavar="N",
+        parse=_parse_days,
+    )
 
 
-def run(args: argparse.Namespace) -> int:
+REQUEST = CertificatesRequest
+
+
+def run(request: CertificatesRequest) -> int:
     """Make the certificates, and print where to copy each.
 
     Raises:
         UserFacingError: If a name is not valid or taken, or if a file cannot be written.
     """
-    clients = [(name, role) for role in _DESTINATIONS for name in getattr(args, role)]
-    names = [*args.host[:1], *(name for name, _ in clients)]
+    clients = [(name, role) for role in _DESTINATIONS for name in getattr(request, role)]
+    names = [*request.host[:1], *(name for name, _ in clients)]
     if not names:
         raise InputError("nothing to make: give --host, --robot, --reader, --viewer or --operator")
-    authority = CertificateAuthority(args.folder)
+    authority = CertificateAuthority(request.folder)
     authority.check_names_free(names)
     made = []
-    if args.host:
-        folder = authority.issue_server_certificate(args.host, args.days)
-        made.append(f"{folder}: beside robot-tls.json5 or fleet-router.json5 on {args.host[0]}")
+    if request.host:
+        folder = authority.issue_server_certificate(request.host, request.days)
+        made.append(f"{folder}: beside robot-tls.json5 or fleet-router.json5 on {request.host[0]}")
     for name, role in clients:
-        folder = authority.issue_client_certificate(name, args.days)
+        folder = authority.issue_client_certificate(name, request.days)
         made.append(f"{folder}: {_DESTINATIONS[role].format(name)}")
     print("\n".join(made))
     print(
-        f"Copy ca.pem, tls.pem and tls.key of each to its place, tls.key readable by nobody else.\n"
-        f"{args.folder}/ca.key stays here: whoever has it can make a certificate for any name.\n"
-        f"Valid for {args.days} days. This is for a test network (kinect-vo certificates --help)."
+        f"Copy ca.pem, tls.pem and tls.key of each to its place, tls.key readable by nobody else."
+        "\n"
+        f"{request.folder}/ca.key stays here: whoever has it can make a certificate for any name.\n"
+        f"Valid for {request.days} days. "
+        "This is for a test network (kinect-vo certificates --help)."
     )
     return 0
 
@@ -84,11 +105,3 @@ _DESTINATIONS = {
     "viewer": "beside reader-tls.json5 where {} runs; a name among `readers` and `viewers`",
     "operator": "beside operator-tls.json5 where {} runs; a name among `readers` and `operators`",
 }
-
-
-def _parse_days(text: str) -> int:
-    if not text.isdecimal() or not 1 <= int(text) <= AUTHORITY_DAYS:
-        raise argparse.ArgumentTypeError(
-            f"{text} is not a number of days: give 1 to {AUTHORITY_DAYS}"
-        )
-    return int(text)

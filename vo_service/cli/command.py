@@ -3,12 +3,21 @@
 import argparse
 import inspect
 import json
+from dataclasses import dataclass
 
 from drivers.core import InputError, UserFacingError
 from drivers.core.config import typed_fields
-from vo_service.cli.options import add_connection_options, parse_seconds
+from vo_service.cli.options import (
+    DEFAULT_PREFIX,
+    ClientConfigFile,
+    ClientPrefix,
+    Connect,
+    parse_seconds,
+)
+from vo_service.cli.request import CommandRequest, argument, option
 from vo_service.client.connection import CommandRefused, ServiceUnavailable
 from vo_service.client.pose_client import REPLY_TIMEOUT_S, PoseClient
+from vo_service.config_tables import DEFAULT_ENDPOINT
 from vo_service.types.commands import COMMANDS, Command
 
 _EPILOG = """\
@@ -41,47 +50,6 @@ EPILOG = _EPILOG.format(commands="\n".join(map(_describe_command, COMMANDS.value
 _CALLER_ERRORS = ("bad-request", "unknown-command")
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's options."""
-    parser.add_argument("name", metavar="NAME", help="the command")
-    parser.add_argument(
-        "arguments",
-        metavar="KEY=VALUE",
-        nargs="*",
-        type=_parse_argument,
-        default=(),
-        help="its arguments",
-    )
-    add_connection_options(parser)
-    parser.add_argument(
-        "--timeout", metavar="SECONDS", type=parse_seconds, default=REPLY_TIMEOUT_S,
-        help="time limit for the reply (default: %(default)g)",
-    )  # fmt: skip
-
-
-def run(args: argparse.Namespace) -> int:
-    """Send the command and print the reply.
-
-    Raises:
-        InputError: If the command or an argument is wrong.
-        UserFacingError: If the command is refused, or if there is no reply.
-    """
-    with PoseClient(args.prefix, args.connect, args.config_file) as client:
-        try:
-            answer = client.command(args.name, dict(args.arguments), args.timeout)
-        except CommandRefused as refused:
-            kind = InputError if refused.code in _CALLER_ERRORS else UserFacingError
-            raise kind(f"{args.name}: {refused} ({refused.code})") from refused
-        except ServiceUnavailable as error:
-            raise UserFacingError(
-                f"{args.name}: {error}; start kinect-vo run there, with the same --prefix"
-            ) from error
-        except ValueError as error:
-            raise UserFacingError(f"{args.name}: the reply cannot be read: {error}") from error
-    print(json.dumps(answer))
-    return 0
-
-
 def _parse_argument(text: str) -> tuple[str, object]:
     key, equals, value = text.partition("=")
     if not key or not equals:
@@ -90,3 +58,48 @@ def _parse_argument(text: str) -> tuple[str, object]:
         return key, json.loads(value)
     except (ValueError, RecursionError):
         return key, value
+
+
+@dataclass(frozen=True, kw_only=True)
+class SendCommandRequest(CommandRequest):
+    """The command to send, and the service."""
+
+    name: str = argument("the command", "NAME")
+    arguments: tuple[tuple[str, object], ...] = argument(
+        "its arguments", "KEY=VALUE", default=(), parse=_parse_argument
+    )
+    connect: Connect = DEFAULT_ENDPOINT
+    prefix: ClientPrefix = DEFAULT_PREFIX
+    config_file: ClientConfigFile = None
+    timeout: float = option(
+        "time limit for the reply (default: %(default)g)",
+        REPLY_TIMEOUT_S,
+        metavar="SECONDS",
+        parse=parse_seconds,
+    )
+
+
+REQUEST = SendCommandRequest
+
+
+def run(request: SendCommandRequest) -> int:
+    """Send the command and print the reply.
+
+    Raises:
+        InputError: If the command or an argument is wrong.
+        UserFacingError: If the command is refused, or if there is no reply.
+    """
+    with PoseClient(request.prefix, request.connect, request.config_file) as client:
+        try:
+            answer = client.command(request.name, dict(request.arguments), request.timeout)
+        except CommandRefused as refused:
+            kind = InputError if refused.code in _CALLER_ERRORS else UserFacingError
+            raise kind(f"{request.name}: {refused} ({refused.code})") from refused
+        except ServiceUnavailable as error:
+            raise UserFacingError(
+                f"{request.name}: {error}; start kinect-vo run there, with the same --prefix"
+            ) from error
+        except ValueError as error:
+            raise UserFacingError(f"{request.name}: the reply cannot be read: {error}") from error
+    print(json.dumps(answer))
+    return 0

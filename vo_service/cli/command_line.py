@@ -5,7 +5,7 @@ import importlib
 import logging
 import os
 import sys
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout
 from importlib.metadata import version
 from types import ModuleType
@@ -13,6 +13,7 @@ from typing import Any, NoReturn, TextIO, cast
 
 from drivers.core import UserFacingError
 from drivers.core.folders import kernel_folder
+from vo_service.cli.request import CommandRequest, add_options, make_request
 from vo_service.signals import EXIT_CODE_SIGINT, InterruptedBySignal
 from vo_service.terminal import clear_line, log_to_stderr, one_line
 
@@ -151,7 +152,7 @@ def _parse_and_run(arguments: Sequence[str]) -> int:
     if args.verbose:
         logging.getLogger().setLevel(logging.INFO)
     command: ModuleType = args.command
-    code: int = command.run(args)
+    code: int = command.run(make_request(args.request, args))
     return code
 
 
@@ -218,9 +219,28 @@ def _add_command(commands: "argparse._SubParsersAction[_OneLineErrorParser]", na
         epilog=module.EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    module.add_arguments(parser)
+    if hasattr(module, "ACTIONS"):
+        _add_actions(parser, module.ACTIONS)
+    else:
+        _set_request(parser, module.REQUEST)
     parser.add_argument("--verbose", action="store_true", help="log progress to stderr")
     parser.set_defaults(command=module)
+
+
+def _add_actions(
+    parser: argparse.ArgumentParser, requests: Mapping[str, type[CommandRequest]]
+) -> None:
+    """Add the actions of a command; the docstrings of their requests are the help texts."""
+    actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True)
+    for name, request in requests.items():
+        purpose = (request.__doc__ or "").rstrip(".")
+        action = actions.add_parser(name, help=f"{purpose[0].lower()}{purpose[1:]}")
+        _set_request(action, request)
+
+
+def _set_request(parser: argparse.ArgumentParser, request: type[CommandRequest]) -> None:
+    add_options(parser, request)
+    parser.set_defaults(request=request)
 
 
 def set_library_environment() -> None:

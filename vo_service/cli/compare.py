@@ -1,23 +1,24 @@
 """``kinect-vo compare``: compare methods on recordings, and write a report."""
 
-import argparse
 import json
 import logging
 import sys
 import textwrap
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.core import InputError
 from drivers.core.write_errors import create_output_folder
 from vo_service.cli.options import (
-    add_camera_file_option,
-    add_topics_option,
+    CameraFile,
+    ConfigFile,
+    Topics,
     load_config,
     parse_count,
     parse_seconds,
-    requested_topics,
 )
+from vo_service.cli.request import CommandRequest, argument, flag, option
 from vo_service.odometry.registry import METHODS
 from vo_service.signals import stop_on_signals
 from vo_service.terminal import Terminal
@@ -81,111 +82,123 @@ with a report of the runs that finished.
 """
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's options."""
-    parser.add_argument(
-        "folders", metavar="RECORDING", nargs="+", type=Path,
-        help="recordings: folders in TUM format or other layouts, MCAP files or ROS bags",
-    )  # fmt: skip
-    parser.add_argument(
-        "--methods", metavar="METHOD", nargs="+", choices=[*METHOD_NAMES, ALL_METHODS],
-        default=list(METHODS),
-        help="methods to run, in this order, or all, also those of other packages (default: "
+@dataclass(frozen=True, kw_only=True)
+class ComparisonRequest(CommandRequest):
+    """The recordings, the methods, and how to compare them."""
+
+    folders: tuple[Path, ...] = argument(
+        "recordings: folders in TUM format or other layouts, MCAP files or ROS bags", "RECORDING"
+    )
+    methods: tuple[str, ...] = option(
+        "methods to run, in this order, or all, also those of other packages (default: "
         f"{' '.join(METHODS)})",
-    )  # fmt: skip
-    parser.add_argument(
-        "--every", metavar="N", nargs="+", type=parse_count, default=[1],
-        help="use every Nth frame; several values make several runs (default: 1)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--frames", metavar="N", type=parse_count,
-        help="use only the first N frames of each recording",
-    )  # fmt: skip
-    parser.add_argument(
-        "--against", metavar="METHOD", choices=METHOD_NAMES,
-        help="also show figures relative to this one of the methods",
-    )  # fmt: skip
-    parser.add_argument(
-        "--output", metavar="FOLDER", type=Path, default=Path("output/compare"),
-        help="folder for the report and the cached runs (default: %(default)s)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--sfm-scale", choices=[str(scale) for scale in SfmScale], default=SfmScale.FIRST_DEPTH,
-        help="source of the initial scale of sfm (default: %(default)s)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--orb-vocabulary", metavar="FILE", type=Path,
-        help="DBoW2 vocabulary of orb-slam3, as text (default: train one from each recording)",
-    )  # fmt: skip
-    add_topics_option(parser)
-    parser.add_argument("--config", metavar="FILE", type=Path, help="configuration file (TOML)")
-    add_camera_file_option(parser)
-    parser.add_argument(
-        "--time-limit", metavar="SECONDS", type=parse_seconds, default=3600.0,
-        help="time limit of a run; a longer run is ended and reported (default: %(default)g)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--loop-closure", action="store_true",
-        help="also optimize each trajectory by loop closure; the methods' own figures stay",
-    )  # fmt: skip
-    parser.add_argument("--force", action="store_true", help="re-run cached results")
-    parser.add_argument("--json", action="store_true", help="print report.json, nothing else")
+        tuple(METHODS),
+        metavar="METHOD",
+        allowed=[*METHOD_NAMES, ALL_METHODS],
+    )
+    every: tuple[int, ...] = option(
+        "use every Nth frame; several values make several runs (default: 1)",
+        (1,),
+        metavar="N",
+        parse=parse_count,
+    )
+    frames: int | None = option(
+        "use only the first N frames of each recording", metavar="N", parse=parse_count
+    )
+    against: str | None = option(
+        "also show figures relative to this one of the methods",
+        metavar="METHOD",
+        allowed=METHOD_NAMES,
+    )
+    output: Path = option(
+        "folder for the report and the cached runs (default: %(default)s)",
+        Path("output/compare"),
+        metavar="FOLDER",
+    )
+    sfm_scale: str = option(
+        "source of the initial scale of sfm (default: %(default)s)",
+        SfmScale.FIRST_DEPTH,
+        allowed=[str(scale) for scale in SfmScale],
+    )
+    orb_vocabulary: Path | None = option(
+        "DBoW2 vocabulary of orb-slam3, as text (default: train one from each recording)",
+        metavar="FILE",
+    )
+    topics: Topics = None
+    config: ConfigFile = None
+    camera_file: CameraFile = None
+    time_limit: float = option(
+        "time limit of a run; a longer run is ended and reported (default: %(default)g)",
+        3600.0,
+        metavar="SECONDS",
+        parse=parse_seconds,
+    )
+    loop_closure: bool = flag(
+        "also optimize each trajectory by loop closure; the methods' own figures stay"
+    )
+    force: bool = flag("re-run cached results")
+    json: bool = flag("print report.json, nothing else")
 
 
-def run(args: argparse.Namespace) -> int:
+REQUEST = ComparisonRequest
+
+
+def run(request: ComparisonRequest) -> int:
     """Run the methods, print each recording's tables as they finish, and write the report.
 
     Raises:
         UserFacingError: If an option or a recording is not valid, or if the report cannot be
             written.
     """
-    config = load_config(args)
-    names = METHOD_NAMES if ALL_METHODS in args.methods else tuple(dict.fromkeys(args.methods))
+    config = load_config(request.config, request)
+    names = (
+        METHOD_NAMES if ALL_METHODS in request.methods else tuple(dict.fromkeys(request.methods))
+    )
     unavailable = find_unavailable_methods(names)
-    vocabulary = read_vocabulary_file(args.orb_vocabulary) if args.orb_vocabulary else None
-    scale = SfmScale(args.sfm_scale)
+    vocabulary = read_vocabulary_file(request.orb_vocabulary) if request.orb_vocabulary else None
+    scale = SfmScale(request.sfm_scale)
     factories = make_method_factories(names, unavailable, config.odometry, scale, vocabulary)
-    _check_reference_method(args.against, factories, unavailable)
+    _check_reference_method(request.against, factories, unavailable)
     metadata = ReportMetadata(
         methods=list(factories),
         odometry=config.odometry,
-        time_limit_s=args.time_limit,
+        time_limit_s=request.time_limit,
         unavailable=unavailable,
-        reference_method=args.against,
-        frame_steps=list(dict.fromkeys(args.every)),
-        max_frames=args.frames,
+        reference_method=request.against,
+        frame_steps=list(dict.fromkeys(request.every)),
+        max_frames=request.frames,
         sfm_scale=scale,
         orb_vocabulary=str(factories[ORB_SLAM3].settings["vocabulary"])
         if ORB_SLAM3 in factories
         else None,
-        camera_file=args.camera_file or config.camera.file,
+        camera_file=config.camera.file,
         observer_factory=LoopClosureObserverFactory(config.map)
-        if args.loop_closure
+        if request.loop_closure
         else NULL_OBSERVER,
     )
     recordings = [
-        whole.select(FrameSelection(every, args.frames))
-        for whole in open_recordings(args.folders, metadata.camera_file, requested_topics(args))
+        whole.select(FrameSelection(every, request.frames))
+        for whole in open_recordings(request.folders, metadata.camera_file, request.topics)
         for every in metadata.frame_steps
     ]
     _check_ground_truth(recordings, factories)
-    create_output_folder(args.output)
-    runs = args.output / "runs"
+    create_output_folder(request.output)
+    runs = request.output / "runs"
     plan = BatchPlan(
-        recordings, factories, runs, args.time_limit, args.force, metadata.observer_factory
+        recordings, factories, runs, request.time_limit, request.force, metadata.observer_factory
     )
     terminal, results = Terminal(), []
     with stop_on_signals() as stop:
         batch_results = run_batch(plan, terminal, stop.event)
-        for result in collect_results(batch_results, len(factories), args.against):
+        for result in collect_results(batch_results, len(factories), request.against):
             results.append(result)
-            if not args.json:
+            if not request.json:
                 _print_tables(result, metadata)
-        write_report(args.output, metadata, results, terminal)
-    if args.json:
+        write_report(request.output, metadata, results, terminal)
+    if request.json:
         print(json.dumps(report_content(metadata, results)))
     else:
-        print(*unavailable, f"report: {args.output / PAGE_FILE}", sep="\n")
+        print(*unavailable, f"report: {request.output / PAGE_FILE}", sep="\n")
     all_done = all(judged.is_done for result in results for judged in result.evaluations.values())
     has_motion = [_has_motion(result) for result in results]  # logs each that has none
     return stop.exit_code or (0 if all_done and all(has_motion) else 1)

@@ -1,12 +1,12 @@
 """``kinect-vo config``: check a configuration file, or print the configuration reference."""
 
-import argparse
 import dataclasses
 import json
 import logging
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from enum import StrEnum
 from importlib.util import find_spec
 from pathlib import Path
@@ -23,6 +23,7 @@ from drivers.core.config import (
 )
 from drivers.core.files import check_suffix, check_writable
 from drivers.core.geometry import read_trajectory
+from vo_service.cli.request import CommandRequest, argument
 from vo_service.config import CameraConfig, Config
 from vo_service.config_tables import RecorderConfig, RerunConfig
 
@@ -40,35 +41,33 @@ endpoints, and the Zenoh configuration with its keys and rules.
 """
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's options."""
-    actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True)
-    check = actions.add_parser("check", help="check a file, and the files and addresses in it")
-    check.add_argument("file", metavar="FILE", type=Path, help="configuration file (TOML)")
-    check.set_defaults(action=_check_file)
-    listing = actions.add_parser("reference", help="print every key with its meaning (Markdown)")
-    listing.set_defaults(action=_print_reference)
+@dataclass(frozen=True, kw_only=True)
+class CheckConfigRequest(CommandRequest):
+    """Check a file, and the files and addresses in it."""
+
+    file: Path = argument("configuration file (TOML)", "FILE")
 
 
-def run(args: argparse.Namespace) -> int:
+@dataclass(frozen=True, kw_only=True)
+class ConfigReferenceRequest(CommandRequest):
+    """Print every key with its meaning (Markdown)."""
+
+
+ACTIONS = {"check": CheckConfigRequest, "reference": ConfigReferenceRequest}
+
+
+def run(request: CheckConfigRequest | ConfigReferenceRequest) -> int:
     """Check or print.
 
     Raises:
         InputError: For the first mistake in the file.
     """
-    action: Callable[[argparse.Namespace], int] = args.action
-    return action(args)
-
-
-def _check_file(args: argparse.Namespace) -> int:
-    for warning in check_config(args.file):
+    if isinstance(request, ConfigReferenceRequest):
+        print(render_reference(), end="")
+        return 0
+    for warning in check_config(request.file):
         logger.warning("%s", warning)
-    print(f"{args.file}: no mistakes")
-    return 0
-
-
-def _print_reference(args: argparse.Namespace) -> int:
-    print(render_reference(), end="")
+    print(f"{request.file}: no mistakes")
     return 0
 
 

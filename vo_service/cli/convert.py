@@ -1,12 +1,13 @@
 """``kinect-vo convert``: write a recording in another format."""
 
-import argparse
+from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.playback.frame_reader import log_implausible
 from drivers.recording.recording import Recording
-from vo_service.cli.options import add_camera_file_option, add_topics_option
-from vo_service.cli.recordings import RECORDING_HELP, open_and_announce
+from vo_service.cli.options import RECORDING_HELP, CameraFile, Topics
+from vo_service.cli.recordings import open_and_announce
+from vo_service.cli.request import CommandRequest, argument, option
 from vo_service.signals import stop_on_signals
 from vo_service.terminal import Terminal
 from vo_service.tools.convert import OutputFormat, choose_format, convert
@@ -24,29 +25,34 @@ other topics come along too. docs/guide/bags.md has the topics.
 """
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's options."""
-    parser.add_argument("folder", metavar="IN", type=Path, help=RECORDING_HELP)
-    parser.add_argument("output", metavar="OUT", type=Path, help="new file or folder")
-    parser.add_argument(
-        "--format", choices=list(OutputFormat),
-        help="format of OUT (default: mcap for .mcap, ros1 for .bag, else folder)",
-    )  # fmt: skip
-    add_topics_option(parser)
-    add_camera_file_option(parser)
+@dataclass(frozen=True, kw_only=True)
+class ConversionRequest(CommandRequest):
+    """The recording, and what to write."""
+
+    folder: Path = argument(RECORDING_HELP, "IN")
+    output: Path = argument("new file or folder", "OUT")
+    format: str | None = option(
+        "format of OUT (default: mcap for .mcap, ros1 for .bag, else folder)",
+        allowed=[str(name) for name in OutputFormat],
+    )
+    topics: Topics = None
+    camera_file: CameraFile = None
 
 
-def run(args: argparse.Namespace) -> int:
+REQUEST = ConversionRequest
+
+
+def run(request: ConversionRequest) -> int:
     """Convert and print the number of frames.
 
     Raises:
         UserFacingError: If the recording cannot be read, or the output not be written.
     """
-    output_format = choose_format(args.output, args.format)
-    recording = open_and_announce(args, args.camera_file)
+    output_format = choose_format(request.output, request.format)
+    recording = open_and_announce(request.folder, request.camera_file, request.topics)
     log_implausible(recording)
-    written = _convert(recording, args.output, output_format)
-    print(f"{written} frames in {args.output} ({output_format})")
+    written = _convert(recording, request.output, output_format)
+    print(f"{written} frames in {request.output} ({output_format})")
     return 0
 
 

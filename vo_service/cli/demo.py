@@ -1,27 +1,29 @@
 """``kinect-vo demo``: run the odometry on the virtual Kinect and show the results."""
 
-import argparse
 import json
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
 from drivers.camera import PlaybackMode
 from drivers.core.files import atomic_write
-from drivers.core.geometry import Trajectory, format_pose_line
+from drivers.core.geometry import Trajectory, format_trajectory
 from drivers.core.write_errors import create_output_folder
 from drivers.registry import open_camera
 from drivers.synthetic.config import SyntheticConfig
 from vo_service.app import OutputsConfig, open_frames, open_outputs, run_replay
+from vo_service.cli.kernels import prepare_kernels
 from vo_service.cli.options import (
-    add_config_options,
-    add_publish_option,
+    ConfigFile,
+    Method,
+    NoPublish,
+    Timing,
     load_config,
     parse_seconds,
-    prepare_kernels,
     print_message,
 )
+from vo_service.cli.request import CommandRequest, flag, option
 from vo_service.frame_source import PacedSource
 from vo_service.outputs.progress import ProgressOutput
 from vo_service.outputs.trajectory.trajectory_file import TrajectoryRecorder
@@ -44,49 +46,50 @@ receives trajectory.txt, groundtruth.txt, trajectory.png and, with Rerun, demo.r
 """
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's options."""
-    add_config_options(parser)
-    parser.add_argument(
-        "--seconds",
-        type=parse_seconds,
-        default=20.0,
-        help="length of the sequence (default: %(default)s)",
+@dataclass(frozen=True, kw_only=True)
+class DemoRequest(CommandRequest):
+    """The odometry, the length of the sequence, and what to show."""
+
+    config: ConfigFile = None
+    method: Method = None
+    timing: Timing = None
+    seconds: float = option(
+        "length of the sequence (default: %(default)s)", 20.0, parse=parse_seconds
     )
-    parser.add_argument(
-        "--output", metavar="FOLDER", type=Path, default=Path("output/demo"),
-        help="folder for the results (default: %(default)s)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--no-serve",
-        action="store_true",
-        help="do not serve the Rerun viewer's page during the run",
+    output: Path = option(
+        "folder for the results (default: %(default)s)", Path("output/demo"), metavar="FOLDER"
     )
-    add_publish_option(parser)
-    parser.add_argument("--json", action="store_true", help="print one JSON object on stdout")
+    no_serve: bool = flag("do not serve the Rerun viewer's page during the run")
+    no_publish: NoPublish = False
+    json: bool = flag("print one JSON object on stdout")
 
 
-def run(args: argparse.Namespace) -> int:
+REQUEST = DemoRequest
+
+
+def run(request: DemoRequest) -> int:
     """Play the sequence, then print the summary.
 
     Raises:
         UserFacingError: If an option is not valid, or if an output fails.
     """
-    config = load_config(args)
-    create_output_folder(args.output)
+    config = load_config(request.config, request)
+    create_output_folder(request.output)
     terminal = Terminal()
-    camera = open_camera("synthetic", synthetic=replace(SyntheticConfig(), duration_s=args.seconds))
+    camera = open_camera(
+        "synthetic", synthetic=replace(SyntheticConfig(), duration_s=request.seconds)
+    )
     recorder = TrajectoryRecorder()
     with camera:  # it prepares its room in the background
         with stop_on_signals() as stop:
             prepare_kernels(config, terminal, stop)
         outputs_config = OutputsConfig(
             playback_mode=PlaybackMode.REALTIME,
-            zenoh=None if args.no_publish else config.zenoh,
+            zenoh=None if request.no_publish else config.zenoh,
             frames=partial(open_frames, config),
             connect_policy=ConnectOnFreePort,
-            rerun=replace(config.rerun, targets=_choose_rerun_targets(args)),
-            trajectory=args.output / "trajectory.txt",
+            rerun=replace(config.rerun, targets=_choose_rerun_targets(request)),
+            trajectory=request.output / "trajectory.txt",
             ground_truth=lambda: camera.ground_truth,
             log_line=print_message,
         )
@@ -101,25 +104,25 @@ def run(args: argparse.Namespace) -> int:
         summary = RunSummary.from_run(
             result.statistics, camera.counters, recorder.trajectory, truth, truth.stamps_s
         )
-    _write_results(args.output, recorder, truth)
-    print_message(f"results: {args.output}" + (" (cut short)" if result.exit_code else ""))
-    print(json.dumps(summary.as_json()) if args.json else summary.as_table())
+    _write_results(request.output, recorder, truth)
+    print_message(f"results: {request.output}" + (" (cut short)" if result.exit_code else ""))
+    print(json.dumps(summary.as_json()) if request.json else summary.as_table())
     result.check_has_motion(camera.name)
     return result.exit_code
 
 
-def _choose_rerun_targets(args: argparse.Namespace) -> tuple[str, ...]:
+def _choose_rerun_targets(request: DemoRequest) -> tuple[str, ...]:
     if find_spec("rerun") is None:
         print_message("Rerun: not installed (pip install 'kinect-vo[rerun]')")
         return ()
-    recording = args.output / "demo.rrd"
-    return (str(recording),) if args.no_serve else ("serve", str(recording))
+    recording = request.output / "demo.rrd"
+    return (str(recording),) if request.no_serve else ("serve", str(recording))
 
 
 def _write_results(folder: Path, recorder: TrajectoryRecorder, truth: Trajectory) -> None:
     """Write the ground truth, with stamps as in the trajectory file, and a plot of both."""
-    lines = map(format_pose_line, truth.stamps_s + recorder.publish_offset_s, truth.T_world_camera)
-    atomic_write(folder / "groundtruth.txt", "".join(lines).encode())
+    shifted = format_trajectory(truth, recorder.publish_offset_s)
+    atomic_write(folder / "groundtruth.txt", shifted)
     trajectory = recorder.trajectory
     if len(trajectory) >= MIN_MATCHES:
         write_plot(folder / "trajectory.png", trajectory, truth, "kinect-vo demo")

@@ -1,11 +1,13 @@
 """``kinect-vo devices``: list the connected sensors, with the --camera value of each."""
 
-import argparse
 import json
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from drivers.registry import CAMERAS
-from vo_service.tools.doctor.camera_checks import (
+from vo_service.cli.options import Json
+from vo_service.cli.request import CommandRequest
+from vo_service.tools.doctor.device_list import (
     ListedDevice,
     list_available_devices,
     query_openni2,
@@ -24,19 +26,24 @@ no sensor on the USB: plug one in, with its own power supply if it has one;
 `kinect-vo doctor` shows details. Without a sensor: kinect-vo run --camera synthetic"""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's options."""
-    parser.add_argument("--json", action="store_true", help="print one JSON object, nothing else")
+@dataclass(frozen=True, kw_only=True)
+class DevicesRequest(CommandRequest):
+    """The form of the list."""
+
+    json: Json = False
 
 
-def run(args: argparse.Namespace) -> int:
+REQUEST = DevicesRequest
+
+
+def run(request: DevicesRequest) -> int:
     """List the sensors.
 
     Raises:
         UserFacingError: If the USB devices cannot be listed.
     """
     found = list_available_devices(probe_usb(), query_openni2())
-    if args.json:
+    if request.json:
         devices = [device.as_json() for device in found]
         print(json.dumps({"schema": 1, "devices": devices, "plugins": list(CAMERAS.plugins)}))
     else:

@@ -1,6 +1,5 @@
 """``kinect-vo doctor``: check the sensor and this computer, and print how to fix each fault."""
 
-import argparse
 import json
 import sys
 from contextlib import AbstractContextManager, nullcontext
@@ -11,15 +10,19 @@ from pathlib import Path
 from drivers.camera import PlaybackMode, RgbdCamera, RgbdFrame
 from drivers.registry import open_camera
 from vo_service.cli.options import (
-    add_camera_options,
+    CameraFile,
+    CameraSource,
+    ConfigFile,
+    Json,
+    Topics,
+    load_config,
     parse_seconds,
     print_message,
-    requested_topics,
 )
-from vo_service.config import read_config
+from vo_service.cli.request import CommandRequest, option
 from vo_service.terminal import Terminal
-from vo_service.tools.doctor.camera_checks import checks_for, requested_sensor_for
-from vo_service.tools.doctor.check import CheckContext, SystemPaths, diagnosis_as_json, run_checks
+from vo_service.tools.doctor.camera_checks import checks_for, requested_camera
+from vo_service.tools.doctor.check import CheckContext, diagnosis_as_json, run_checks
 from vo_service.tools.doctor.finding import CheckVerdict
 from vo_service.tools.doctor.printer import FindingPrinter, NullFindingPrinter
 from vo_service.tools.doctor.report import add_report_contents, open_bug_report, quiet_console
@@ -42,38 +45,42 @@ seconds of frames.
 
 exit codes: 0 no check failed; 1 a check failed; 2 wrong input.
 """
-DEFAULT_SECONDS = 5.0
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's options."""
-    parser.add_argument("--config", metavar="FILE", type=Path, help="configuration file (TOML)")
-    add_camera_options(parser)
-    parser.add_argument(
-        "--seconds", type=parse_seconds, metavar="S", default=DEFAULT_SECONDS,
-        help=f"time to check the frames (default: {DEFAULT_SECONDS:g})",
-    )  # fmt: skip
-    parser.add_argument("--json", action="store_true", help="print one JSON object, nothing else")
-    parser.add_argument(
-        "--report", metavar="FILE.tar.gz", type=Path,
-        help="write a new archive for a bug report, with images",
-    )  # fmt: skip
+@dataclass(frozen=True, kw_only=True)
+class DoctorRequest(CommandRequest):
+    """The camera to check, and how to report."""
+
+    config: ConfigFile = None
+    camera: CameraSource = None
+    camera_file: CameraFile = None
+    topics: Topics = None
+    seconds: float = option(
+        "time to check the frames (default: %(default)g)", 5.0, metavar="S", parse=parse_seconds
+    )
+    json: Json = False
+    report: Path | None = option(
+        "write a new archive for a bug report, with images", metavar="FILE.tar.gz"
+    )
 
 
-def run(args: argparse.Namespace) -> int:
+REQUEST = DoctorRequest
+
+
+def run(request: DoctorRequest) -> int:
     """Check and print.
 
     Raises:
         InputError: If an option or the configuration is not valid.
     """
-    checked = _make_checked_camera(args)
-    with nullcontext() if args.verbose else quiet_console():
+    checked = _make_checked_camera(request)
+    with nullcontext() if request.verbose else quiet_console():
         diagnosis = (
-            _run_checks(args, checked)
-            if args.report is None
-            else _run_checks_with_report(args, checked)
+            _run_checks(request, checked)
+            if request.report is None
+            else _run_checks_with_report(request, request.report, checked)
         )
-    if args.json:
+    if request.json:
         print(json.dumps(diagnosis))
     return 1 if diagnosis["verdict"] == CheckVerdict.FAIL else 0
 
@@ -91,33 +98,33 @@ class _CheckedCamera:
         return self.terminal.busy(f"kinect-vo doctor: {check_name.replace('-', ' ')}")
 
 
-def _make_checked_camera(args: argparse.Namespace) -> _CheckedCamera:
-    config = read_config(args.config)
-    source: str = args.camera or (config.camera.source if args.config else "freenect")
+def _make_checked_camera(request: DoctorRequest) -> _CheckedCamera:
+    config = load_config(request.config, request)
+    source: str = request.camera or (config.camera.source if request.config else "freenect")
     terminal = Terminal()
     camera = open_camera(
         source,
-        camera_file=args.camera_file or config.camera.file,
+        camera_file=config.camera.file,
         playback_mode=PlaybackMode.REALTIME,
         sensor=config.sensor,
         synthetic=config.synthetic,
-        topics=requested_topics(args),
+        topics=request.topics,
     )
     return _CheckedCamera(source, camera, terminal)
 
 
-def _run_checks(args: argparse.Namespace, checked: _CheckedCamera) -> dict[str, object]:
+def _run_checks(request: DoctorRequest, checked: _CheckedCamera) -> dict[str, object]:
     """Run the checks, print each result unless JSON is requested, and return all as JSON."""
+    requested = requested_camera(checked.source)
     context = CheckContext(
-        SystemPaths(),
-        requested_sensor_for(checked.source),
+        requested,
         probe_usb,
-        partial(probe_stream, checked.camera, args.seconds, _discard_frame),
+        partial(probe_stream, checked.camera, request.seconds, _discard_frame),
     )
-    checks = checks_for(checked.source)
+    checks = checks_for(requested)
     printer = (
         NullFindingPrinter()
-        if args.json
+        if request.json
         else FindingPrinter(sys.stdout, [check.name for check in checks])
     )
     printer.print_heading(f"kinect-vo doctor: {checked.source}")
@@ -129,18 +136,20 @@ def _run_checks(args: argparse.Namespace, checked: _CheckedCamera) -> dict[str, 
     return diagnosis_as_json(checked.source, found)
 
 
-def _run_checks_with_report(args: argparse.Namespace, checked: _CheckedCamera) -> dict[str, object]:
+def _run_checks_with_report(
+    request: DoctorRequest, file: Path, checked: _CheckedCamera
+) -> dict[str, object]:
     """Run the checks as `_run_checks`, and write the report."""
-    with open_bug_report(args.report) as report:
-        diagnosis = _run_checks(args, checked)
+    with open_bug_report(file) as report:
+        diagnosis = _run_checks(request, checked)
         report.add_json("doctor.json", diagnosis)
-        for file in (args.config, args.camera_file):
-            if file is not None:
-                report.add_copy(file)
+        for used in (request.config, request.camera_file):
+            if used is not None:
+                report.add_copy(used)
         with checked.show_busy("recording frames"):
             pictures = add_report_contents(report, checked.camera)
         size = report.pack()
-    print_message(f"{args.report}: {size / 1e6:.1f} MB, {pictures}")
+    print_message(f"{file}: {size / 1e6:.1f} MB, {pictures}")
     return diagnosis
 
 

@@ -4,10 +4,12 @@ import argparse
 import re
 import urllib.parse
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.core import InputError
 from vo_service.cli.options import print_message
+from vo_service.cli.request import CommandRequest, argument, flag, option
 from vo_service.signals import InterruptedBySignal, raise_on_signals
 from vo_service.terminal import Terminal
 from vo_service.tools.download.catalog import (
@@ -39,40 +41,64 @@ benchmark: CC BY 4.0; cite Sturm et al., IROS 2012.
 _SHA256_PATTERN = re.compile(r"[0-9a-fA-F]{64}")
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's options."""
-    parser.add_argument("names", metavar="NAME", nargs="*", help="a sequence, such as fr1/xyz")
-    parser.add_argument("--list", action="store_true", help="list all sequences, and download none")
-    parser.add_argument(
-        "--output", metavar="FOLDER", type=Path, default=Path("recordings"),
-        help="parent folder of the sequences (default: %(default)s)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--mirror", metavar="URL", type=_parse_url, default=BENCHMARK_URL,
-        help="another host with the same files, below URL/freiburg1/ and so on "
-        "(default: %(default)s)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--sha256", metavar="HEX", type=_parse_sha256,
-        help="refuse the archive unless it has this digest (for one NAME)",
-    )  # fmt: skip
+def _parse_url(text: str) -> str:
+    """Parse the address of a mirror."""
+    with suppress(ValueError):
+        parts = urllib.parse.urlsplit(text)
+        if parts.scheme in ("http", "https") and parts.netloc:
+            return text
+    raise argparse.ArgumentTypeError(f"{text} is not a URL: give http://... or https://...")
 
 
-def run(args: argparse.Namespace) -> int:
+def _parse_sha256(text: str) -> str:
+    """Parse a SHA-256 digest."""
+    if not _SHA256_PATTERN.fullmatch(text):
+        raise argparse.ArgumentTypeError(f"{text} is not a SHA-256 digest: give its 64 digits")
+    return text
+
+
+@dataclass(frozen=True, kw_only=True)
+class DownloadSequencesRequest(CommandRequest):
+    """The sequences to download, and from where."""
+
+    names: tuple[str, ...] = argument("a sequence, such as fr1/xyz", "NAME", default=())
+    list: bool = flag("list all sequences, and download none")
+    output: Path = option(
+        "parent folder of the sequences (default: %(default)s)",
+        Path("recordings"),
+        metavar="FOLDER",
+    )
+    mirror: str = option(
+        "another host with the same files, below URL/freiburg1/ and so on (default: %(default)s)",
+        BENCHMARK_URL,
+        metavar="URL",
+        parse=_parse_url,
+    )
+    sha256: str | None = option(
+        "refuse the archive unless it has this digest (for one NAME)",
+        metavar="HEX",
+        parse=_parse_sha256,
+    )
+
+
+REQUEST = DownloadSequencesRequest
+
+
+def run(request: DownloadSequencesRequest) -> int:
     """Download the sequences one by one.
 
     Raises:
         UserFacingError: For the first sequence that fails.
     """
-    if args.list:
+    if request.list:
         print(_format_sequence_table())
         return 0
-    wanted = [find_sequence(name) for name in args.names]
+    wanted = [find_sequence(name) for name in request.names]
     if not wanted:
         raise InputError("which sequence? `kinect-vo download --list` shows them all")
-    if args.sha256 and len(wanted) > 1:
+    if request.sha256 and len(wanted) > 1:
         raise InputError("--sha256 is of one archive: download the sequences one by one")
-    order = DownloadRequest(args.output, args.mirror, args.sha256 or "")
+    order = DownloadRequest(request.output, request.mirror, request.sha256 or "")
     terminal = Terminal()
     try:
         with raise_on_signals():
@@ -107,19 +133,3 @@ def _format_sequence_table() -> str:
         truth = "yes" if sequence.has_ground_truth else "no"
         lines.append(f"{sequence.name.ljust(width)}  {length:>6}  {size:>8}  {truth}")
     return "\n".join(lines)
-
-
-def _parse_url(text: str) -> str:
-    """Parse the address of a mirror."""
-    with suppress(ValueError):
-        parts = urllib.parse.urlsplit(text)
-        if parts.scheme in ("http", "https") and parts.netloc:
-            return text
-    raise argparse.ArgumentTypeError(f"{text} is not a URL: give http://... or https://...")
-
-
-def _parse_sha256(text: str) -> str:
-    """Parse a SHA-256 digest."""
-    if not _SHA256_PATTERN.fullmatch(text):
-        raise argparse.ArgumentTypeError(f"{text} is not a SHA-256 digest: give its 64 digits")
-    return text

@@ -1,7 +1,7 @@
 """``kinect-vo evaluate``: compare a trajectory with its ground truth."""
 
-import argparse
 import json
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +11,12 @@ from drivers.core.geometry import MAX_STAMP_DIFFERENCE_S, Array, Trajectory
 from drivers.core.trajectory_files import read_trajectory_file
 from drivers.layouts import find_layout
 from drivers.playback.recording_formats import RecordingFormat, recording_format
+from drivers.recording.recording import ImageTopics
 from drivers.tum.folder import read_frame_pairs
 from drivers.tum.ground_truth import TRUTH_FILES, find_ground_truth, read_ground_truth
-from vo_service.cli.options import add_topics_option, parse_finite, parse_seconds
+from vo_service.cli.options import Json, Topics, parse_finite, parse_seconds
 from vo_service.cli.recordings import open_and_announce
+from vo_service.cli.request import CommandRequest, argument, option
 from vo_service.terminal import announce
 from vo_service.tools.evaluation.evaluation import Evaluation, evaluate
 from vo_service.tools.evaluation.plot import write_plot
@@ -43,50 +45,54 @@ A metric that cannot be computed is "-" in the table and null in JSON.
 REPLAY_ONLY_KEYS = ("failed", "skipped", "stage_ms", "cpu_ms_per_frame")
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's options."""
-    parser.add_argument("trajectory", metavar="TRAJECTORY", type=Path, help="file of poses")
-    parser.add_argument(
-        "folder", metavar="GROUNDTRUTH", type=Path,
-        help="file of true poses, or a recording that has them",
-    )  # fmt: skip
-    add_topics_option(parser)
-    parser.add_argument(
-        "--max-difference", metavar="SECONDS", type=parse_seconds, default=MAX_STAMP_DIFFERENCE_S,
-        help="largest difference between the stamps of a pose and its truth (default: "
-        "%(default)s)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--time-offset", metavar="SECONDS", type=parse_finite, default=0.0,
-        help="add this to the stamps of TRAJECTORY (default: %(default)s)",
-    )  # fmt: skip
-    parser.add_argument("--json", action="store_true", help="print one JSON object, nothing else")
-    parser.add_argument(
-        "--picture", metavar="FILE", type=Path,
-        help="plot the trajectory and the ground truth (.png or .svg)",
-    )  # fmt: skip
+@dataclass(frozen=True, kw_only=True)
+class EvaluationRequest(CommandRequest):
+    """The trajectory, the truth, and how to compare them."""
+
+    trajectory: Path = argument("file of poses", "TRAJECTORY")
+    folder: Path = argument("file of true poses, or a recording that has them", "GROUNDTRUTH")
+    topics: Topics = None
+    max_difference: float = option(
+        "largest difference between the stamps of a pose and its truth (default: %(default)s)",
+        MAX_STAMP_DIFFERENCE_S,
+        metavar="SECONDS",
+        parse=parse_seconds,
+    )
+    time_offset: float = option(
+        "add this to the stamps of TRAJECTORY (default: %(default)s)",
+        0.0,
+        metavar="SECONDS",
+        parse=parse_finite,
+    )
+    json: Json = False
+    picture: Path | None = option(
+        "plot the trajectory and the ground truth (.png or .svg)", metavar="FILE"
+    )
 
 
-def run(args: argparse.Namespace) -> int:
+REQUEST = EvaluationRequest
+
+
+def run(request: EvaluationRequest) -> int:
     """Compare and print.
 
     Raises:
         UserFacingError: If a file cannot be read or written, or if the trajectories do not match.
     """
-    truth, frames_s, truth_file = _read_ground_truth(args)
-    trajectory = _read_poses(args.trajectory, frames_s)
-    shifted = Trajectory(trajectory.stamps_s + args.time_offset, trajectory.T_world_camera)
+    truth, frames_s, truth_file = _read_ground_truth(request.folder, request.topics)
+    trajectory = _read_poses(request.trajectory, frames_s)
+    shifted = Trajectory(trajectory.stamps_s + request.time_offset, trajectory.T_world_camera)
     try:
-        evaluation = evaluate(shifted, truth, frames_s, args.max_difference)
+        evaluation = evaluate(shifted, truth, frames_s, request.max_difference)
     except InputError as error:
         raise InputError(
-            f"{args.trajectory} against {truth_file}: {error}, or give --time-offset or "
+            f"{request.trajectory} against {truth_file}: {error}, or give --time-offset or "
             "--max-difference"
         ) from error
-    if args.picture is not None:
-        title = f"{args.trajectory.name}: ATE RMSE {1e3 * evaluation.ate_rmse_m:.2f} mm"
-        write_plot(args.picture, shifted, truth, title, args.max_difference)
-    print(_as_json(evaluation, frames_s) if args.json else evaluation.as_table())
+    if request.picture is not None:
+        title = f"{request.trajectory.name}: ATE RMSE {1e3 * evaluation.ate_rmse_m:.2f} mm"
+        write_plot(request.picture, shifted, truth, title, request.max_difference)
+    print(_as_json(evaluation, frames_s) if request.json else evaluation.as_table())
     return 0
 
 
@@ -98,12 +104,13 @@ def _read_poses(file: Path, frames_s: Array | None) -> Trajectory:
     return found.poses
 
 
-def _read_ground_truth(args: argparse.Namespace) -> tuple[Trajectory, Array | None, Path]:
+def _read_ground_truth(
+    path: Path, topics: ImageTopics | None
+) -> tuple[Trajectory, Array | None, Path]:
     """Read the true poses, the stamps of the frames if known, and the file of the poses."""
-    path: Path = args.folder
     if recording_format(path) is RecordingFormat.TUM and find_layout(path) is None:
         return _read_tum_ground_truth(path)
-    recording = open_and_announce(args, None)
+    recording = open_and_announce(path, None, topics)
     if recording.ground_truth is None:
         where = "" if path.is_dir() else ", neither in /tf nor in a topic of poses"
         raise InputError(f"{path}: has no true poses{where}; name a file of them")

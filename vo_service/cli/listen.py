@@ -6,15 +6,17 @@ import math
 import os
 import sys
 from contextlib import closing
+from dataclasses import dataclass
 from functools import partial
 from queue import Empty, SimpleQueue
 from typing import Any
 
 import zenoh
 
-from vo_service.cli.options import add_connection_options
+from vo_service.cli.options import DEFAULT_PREFIX, ClientConfigFile, ClientPrefix, Connect
+from vo_service.cli.request import CommandRequest, flag, option
 from vo_service.client.connection import BackgroundConnection
-from vo_service.config_tables import ZenohConfig, check_prefix
+from vo_service.config_tables import DEFAULT_ENDPOINT, ZenohConfig, check_prefix
 from vo_service.outputs.zenoh.zenoh_config import check_endpoint
 from vo_service.ros_messages.decoding import decode_odometry, decode_transform
 from vo_service.ros_messages.navigation import OdometryMessage, TransformMessage
@@ -121,35 +123,38 @@ class JsonPosePrinter:
 PosePrinter = TextPosePrinter | JsonPosePrinter
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's options."""
-    add_connection_options(parser)
-    parser.add_argument(
-        "--count", type=_parse_count, metavar="N", default=math.inf, help="stop after N poses"
-    )
-    parser.add_argument(
-        "--json", action="store_true", help="one JSON object a line, changes of status and map too"
-    )
-
-
 def _parse_count(text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text} is not a number of poses: give 1 or more")
     return int(text)
 
 
-def run(args: argparse.Namespace) -> int:
+@dataclass(frozen=True, kw_only=True)
+class ListenRequest(CommandRequest):
+    """The service to listen to, and what to print."""
+
+    connect: Connect = DEFAULT_ENDPOINT
+    prefix: ClientPrefix = DEFAULT_PREFIX
+    config_file: ClientConfigFile = None
+    count: float = option("stop after N poses", math.inf, metavar="N", parse=_parse_count)
+    json: bool = flag("one JSON object a line, changes of status and map too")
+
+
+REQUEST = ListenRequest
+
+
+def run(request: ListenRequest) -> int:
     """Print until `--count` poses are received, Ctrl-C, or the reader closes the pipe.
 
     Raises:
         InputError: If the prefix or the Zenoh configuration is not valid.
     """
-    prefix = check_prefix(args.prefix)
-    printer: PosePrinter = JsonPosePrinter() if args.json else TextPosePrinter()
-    where = args.config_file or args.connect
-    listener = _PosePrintingSubscriber(f"{prefix} at {where}", printer, args.count)
-    check_endpoint(args.connect)
-    plan = ZenohConfig(listen=(), connect=(args.connect,), config_file=args.config_file)
+    prefix = check_prefix(request.prefix)
+    printer: PosePrinter = JsonPosePrinter() if request.json else TextPosePrinter()
+    where = request.config_file or request.connect
+    listener = _PosePrintingSubscriber(f"{prefix} at {where}", printer, request.count)
+    check_endpoint(request.connect)
+    plan = ZenohConfig(listen=(), connect=(request.connect,), config_file=request.config_file)
     try:
         with closing(BackgroundConnection(plan, partial(listener.subscribe, prefix))):
             listener.run()

@@ -1,12 +1,59 @@
 """``kinect-vo reconstruct``: make a colored mesh from a recording."""
 
-import argparse
-from collections.abc import Callable
+import json
+import logging
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated
 
-from vo_service.cli.options import add_camera_file_option, add_config_options, add_topics_option
-from vo_service.cli.recordings import RECORDING_HELP
+from drivers.core import InputError
+from drivers.core.files import atomic_write
+from drivers.core.geometry import (
+    MAX_STAMP_DIFFERENCE_S,
+    Trajectory,
+    format_trajectory,
+    has_match,
+    read_trajectory,
+)
+from drivers.core.write_errors import create_output_folder
+from drivers.playback.camera import RecordingCamera
+from drivers.recording.recording import Recording as OpenRecording
+from vo_service.cli.kernels import run_warm_up
+from vo_service.cli.options import (
+    RERUN_TARGETS,
+    CameraFile,
+    ConfigFile,
+    Json,
+    Method,
+    Recording,
+    Timing,
+    Topics,
+    load_config,
+)
+from vo_service.cli.reconstruct_tracking import TrackedRecording, track_recording
+from vo_service.cli.recordings import open_requested
+from vo_service.cli.request import (
+    CommandRequest,
+    Option,
+    argument,
+    config_option,
+    flag,
+    option,
+    option_of,
+)
+from vo_service.outputs.rerun.preview import PreviewScene, open_previews
+from vo_service.reconstruction.reconstructor import (
+    FramePoses,
+    PreviewFrame,
+    ReconstructionResult,
+    Reconstructor,
+)
+from vo_service.reconstruction.report import ReconstructionReport
+from vo_service.reconstruction.tsdf_volume import TsdfVolume
 from vo_service.reconstruction.voxel_block_grid import TsdfConfig
+from vo_service.reconstruction.warm_up import warm_up_reconstruction
+from vo_service.signals import StopSignal, stop_on_signals
+from vo_service.terminal import Terminal
 
 EPILOG = """\
 examples:
@@ -22,85 +69,177 @@ OUTPUT receives map.ply (a mesh with colors and normals, in the trajectory's wor
 perspective.png, view.png, reconstruction.json, and trajectory.txt if the odometry ran.
 Ctrl-C ends the fusion and writes the surface so far; a second Ctrl-C writes nothing more.
 """
-MIN_VOXEL_M, MAX_VOXEL_M = 0.002, 0.5
-MIN_MEMORY_MB = 20
+DEFAULTS = TsdfConfig()
+TRAJECTORY_FILE = "trajectory.txt"
+_log = logging.getLogger(__name__)
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's options."""
-    defaults = TsdfConfig()
-    parser.add_argument("folder", metavar="RECORDING", type=Path, help=RECORDING_HELP)
-    add_topics_option(parser)
-    parser.add_argument(
-        "trajectory", metavar="TRAJECTORY", type=Path, nargs="?",
-        help="poses of the optical camera, as in groundtruth.txt (default: the odometry's)",
-    )  # fmt: skip
-    add_config_options(parser)
-    parser.add_argument(
-        "--loop-closure", action="store_true",
-        help="enable loop closure and optimize the odometry's poses before the fusion",
-    )  # fmt: skip
-    add_camera_file_option(parser)
-    parser.add_argument(
-        "--output", metavar="FOLDER", type=Path, default=Path("output/reconstruct"),
-        help="folder for the results (default: %(default)s)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--voxel-m", metavar="M", default=defaults.voxel_m,
-        type=_length_parser(MIN_VOXEL_M, MAX_VOXEL_M),
-        help="voxel size, in meters (default: %(default)s)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--memory-mb", metavar="MB", type=_megabytes_parser(MIN_MEMORY_MB),
-        default=defaults.memory_mb,
-        help="memory limit of the map; later surfaces are left out (default: %(default)s)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--max-depth-m", metavar="M", type=_length_parser(0.1, 20.0), default=defaults.max_depth_m,
-        help="surfaces farther from the camera are left out (default: %(default)s)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--rerun", metavar="TARGET", action="append",
-        help="show the progress in Rerun: serve (a page on this computer), connect or "
-        "connect:HOST:PORT (an open viewer), or FILE.rrd; may be given several times",
-    )  # fmt: skip
-    parser.add_argument("--json", action="store_true", help="print one JSON object, nothing else")
+def _size_option(name: str, metavar: str, noun: str) -> Option:
+    option = option_of(TsdfConfig, name, metavar=metavar, noun=noun)
+    return replace(option, description=f"{option.description} (default: %(default)s)")
 
 
-def _length_parser(min_m: float, max_m: float) -> Callable[[str], float]:
-    """Make a parser of lengths in meters."""
+@dataclass(frozen=True, kw_only=True)
+class ReconstructionRequest(CommandRequest):
+    """The recording, its poses, and the size of the map."""
 
-    def meters(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = 0.0
-        if not min_m <= value <= max_m:
-            raise argparse.ArgumentTypeError(f"{text} is not a length: give {min_m:g} to {max_m:g}")
-        return value
+    folder: Recording
+    topics: Topics = None
+    trajectory: Path | None = argument(
+        "poses of the optical camera, as in groundtruth.txt (default: the odometry's)",
+        "TRAJECTORY",
+        default=None,
+    )
+    config: ConfigFile = None
+    method: Method = None
+    timing: Timing = None
+    loop_closure: bool = flag(
+        "enable loop closure and optimize the odometry's poses before the fusion"
+    )
+    camera_file: CameraFile = None
+    output: Path = option(
+        "folder for the results (default: %(default)s)",
+        Path("output/reconstruct"),
+        metavar="FOLDER",
+    )
+    voxel_m: Annotated[float, _size_option("voxel_m", "M", "a length")] = DEFAULTS.voxel_m
+    memory_mb: Annotated[int, _size_option("memory_mb", "MB", "a size")] = DEFAULTS.memory_mb
+    max_depth_m: Annotated[float, _size_option("max_depth_m", "M", "a length")] = (
+        DEFAULTS.max_depth_m
+    )
+    rerun: Annotated[
+        tuple[str, ...],
+        config_option(
+            "rerun.targets",
+            description=f"show the progress in Rerun: {RERUN_TARGETS}; may be given several times",
+            metavar="TARGET",
+            is_repeated=True,
+        ),
+    ] = ()
+    json: Json = False
 
-    return meters
+
+REQUEST = ReconstructionRequest
 
 
-def _megabytes_parser(min_mb: int) -> Callable[[str], int]:
-    """Make a parser of whole numbers."""
-
-    def megabytes(text: str) -> int:
-        if not (text.isascii() and text.isdigit() and len(text) < 8 and int(text) >= min_mb):
-            raise argparse.ArgumentTypeError(
-                f"{text} is not a size: give {min_mb} or more, a whole number"
-            )
-        return int(text)
-
-    return megabytes
-
-
-def run(args: argparse.Namespace) -> int:
+def run(request: ReconstructionRequest) -> int:
     """Estimate or read the poses, fuse the frames, and write the results.
 
     Raises:
         UserFacingError: If an input is not valid, or if a result cannot be written.
     """
-    from vo_service.cli.reconstruct_pipeline import run_reconstruction
+    config = load_config(request.config, request)
+    terminal = Terminal()
+    # Check before the work, not after it.
+    if request.loop_closure and request.trajectory is not None:
+        raise InputError(
+            f"{request.trajectory}: --loop-closure works only on the odometry's own poses; "
+            "leave one of the two out"
+        )
+    recording = open_requested(request.folder, config.camera.file, request.topics)
+    known = None if request.trajectory is None else _read_poses(request.trajectory, recording)
+    volume = _make_volume(request)
+    create_output_folder(request.output)
+    with (
+        stop_on_signals() as stop,
+        open_previews(
+            config.rerun.targets, "kinect-vo-reconstruct", _load_scene_class, terminal.write_line
+        ) as previews,
+    ):
+        with stop.without_exceptions():  # the kernels run on this thread
+            run_warm_up(warm_up_reconstruction, terminal, stop)
+            if known is None:
+                camera = _make_camera(request, config.camera.file)
+                tracked = track_recording(
+                    request.folder, camera, config, request.loop_closure, terminal, stop
+                )
+                trajectory = format_trajectory(tracked.poses)
+                atomic_write(request.output / TRAJECTORY_FILE, trajectory)
+            else:
+                tracked = TrackedRecording(known, {})
+            reconstructor = Reconstructor(volume, FramePoses(tracked.poses), previews)
+            camera = _make_camera(request, config.camera.file)
+            with camera, terminal.busy("fusing") as busy:
+                reconstructor.run(camera, stop.event, busy.progress_callback("frame"))
+        with terminal.busy("making the map") as busy:
+            with stop.without_exceptions():
+                report = _make_report(request.folder, reconstructor, volume, tracked, stop)
+            report.save(request.output, busy.set_detail)
+    ending = " (cut short)" if report.is_interrupted else ""
+    terminal.write_line(f"results: {request.output}{ending}")
+    print(json.dumps(report.as_json()) if request.json else report.as_table())
+    return stop.exit_code
 
-    return run_reconstruction(args)
+
+def _make_camera(request: ReconstructionRequest, camera_file: Path | None) -> RecordingCamera:
+    return RecordingCamera(request.folder, camera_file, topics=request.topics)
+
+
+def _load_scene_class() -> type[PreviewScene[PreviewFrame]]:
+    from vo_service.reconstruction.rerun_preview import ReconstructionScene  # imports rerun
+
+    return ReconstructionScene
+
+
+def _make_volume(request: ReconstructionRequest) -> TsdfVolume:
+    try:
+        return TsdfVolume(TsdfConfig(request.voxel_m, request.memory_mb, request.max_depth_m))
+    except MemoryError as error:
+        raise InputError(
+            f"--memory-mb {request.memory_mb}: this computer does not have it; give less"
+        ) from error
+
+
+def _read_poses(trajectory: Path, recording: OpenRecording) -> Trajectory:
+    """Read the poses of a recording; raise InputError if they belong to another one."""
+    poses = read_trajectory(trajectory)
+    frames_s = recording.frames.stamps_s
+    if not has_match(frames_s, poses.stamps_s).any():
+        raise InputError(
+            f"{trajectory}: has no pose within {1000 * MAX_STAMP_DIFFERENCE_S:.0f} ms of any frame "
+            f"of {recording.path} "
+            f"(poses {poses.stamps_s[0]:.3f}..{poses.stamps_s[-1]:.3f} s, frames "
+            f"{frames_s[0]:.3f}..{frames_s[-1]:.3f} s): give a trajectory of this recording"
+        )
+    return poses
+
+
+def _make_report(
+    folder: Path,
+    reconstructor: Reconstructor,
+    volume: TsdfVolume,
+    tracked: TrackedRecording,
+    stop: StopSignal,
+) -> ReconstructionReport:
+    """Extract the mesh; warn if the memory limit has cut it short.
+
+    Raises:
+        InputError: If the mesh is empty.
+        KeyboardInterrupt: If the mesh is empty because of a stop request.
+    """
+    result, mesh = reconstructor.result, reconstructor.finish()
+    if result.camera is None or not len(mesh.triangles):
+        stop.check()
+        raise InputError(f"{folder}: {_empty_result_reason(result, volume.config.max_depth_m)}")
+    if result.full_at_frame:
+        _log.warning(
+            "the map was full at frame %d of %d: surfaces seen later are left out; give more than "
+            "--memory-mb %d, or larger voxels than --voxel-m %g",
+            result.full_at_frame, result.frames, volume.config.memory_mb, volume.config.voxel_m,
+        )  # fmt: skip
+    title = f"{folder.resolve().name}: {result.fused} of {result.frames} frames, from above"
+    return ReconstructionReport(
+        title, result.camera, mesh, result, volume, stop.event.is_set(), tracked.loop_counts
+    )
+
+
+def _empty_result_reason(result: ReconstructionResult, max_depth_m: float) -> str:
+    if result.without_depth and not result.fused:
+        return (
+            f"no depth up to {max_depth_m:g} m in any of {result.without_depth} frames; give a "
+            "recording with depth, the right depth_factor, or a greater --max-depth-m"
+        )
+    return (
+        f"{result.fused} of {result.frames} frames were usable, too few for a surface; give more "
+        "frames, or larger voxels with --voxel-m"
+    )

@@ -1,11 +1,10 @@
 """``kinect-vo record``: record any camera into a folder in TUM format, or an MCAP file."""
 
-import argparse
 import math
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import chain, takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -26,8 +25,16 @@ from drivers.recording.image_encoding import ColorFormat
 from drivers.registry import open_camera
 from drivers.synthetic.config import SyntheticConfig
 from drivers.tum.writer import TumWriter
-from vo_service.cli.options import add_camera_options, parse_seconds, requested_topics
-from vo_service.config import Config, read_config
+from vo_service.cli.options import (
+    CameraFile,
+    CameraSource,
+    ConfigFile,
+    Topics,
+    load_config,
+    parse_seconds,
+)
+from vo_service.cli.request import CommandRequest, argument, flag, option
+from vo_service.config import Config
 from vo_service.frame_source import make_publish_clock
 from vo_service.signals import StopSignal, stop_on_signals
 from vo_service.terminal import Terminal
@@ -63,40 +70,44 @@ FRAME_TIMEOUT_S = 10.0
 OPEN_TIMEOUT_S = 120.0
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's options."""
-    parser.add_argument("output", metavar="OUT", type=Path, help="new folder or FILE.mcap")
-    parser.add_argument("--config", metavar="FILE", type=Path, help="configuration file (TOML)")
-    add_camera_options(parser)
-    parser.add_argument(
-        "--seconds", type=parse_seconds, metavar="S", default=math.inf,
-        help="stop after S seconds of the camera's clock (default: at its end, or at Ctrl-C)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--jpeg", action="store_true", help="color as JPEG: a third of the size, but lossy"
+@dataclass(frozen=True, kw_only=True)
+class RecordRequest(CommandRequest):
+    """The camera, and what to write of it."""
+
+    output: Path = argument("new folder or FILE.mcap", "OUT")
+    config: ConfigFile = None
+    camera: CameraSource = None
+    camera_file: CameraFile = None
+    topics: Topics = None
+    seconds: float = option(
+        "stop after S seconds of the camera's clock (default: at its end, or at Ctrl-C)",
+        math.inf,
+        metavar="S",
+        parse=parse_seconds,
     )
-    parser.add_argument(
-        "--raw", action="store_true",
-        help="FILE.mcap: store color as it is (default: as JPEG, which is lossy)",
-    )  # fmt: skip
+    jpeg: bool = flag("color as JPEG: a third of the size, but lossy")
+    raw: bool = flag("FILE.mcap: store color as it is (default: as JPEG, which is lossy)")
 
 
-def run(args: argparse.Namespace) -> int:
+REQUEST = RecordRequest
+
+
+def run(request: RecordRequest) -> int:
     """Record until the camera ends, `--seconds` have passed, or Ctrl-C.
 
     Raises:
         UserFacingError: If an option is not valid, or if the camera or the disk fails.
     """
-    config = read_config(args.config)
-    _check_output(args)
+    config = load_config(request.config, request)
+    _check_output(request)
     terminal = Terminal()
     camera = open_camera(
-        args.camera or config.camera.source,
-        camera_file=args.camera_file or config.camera.file,
+        request.camera or config.camera.source,
+        camera_file=config.camera.file,
         playback_mode=PlaybackMode.LOCKSTEP,
         sensor=config.sensor,
-        synthetic=_play_once(config.synthetic, args.seconds),
-        topics=requested_topics(args),
+        synthetic=_play_once(config.synthetic, request.seconds),
+        topics=request.topics,
     )
     with camera, stop_on_signals() as stop:
         frames = _read_frames(camera, terminal, stop)
@@ -105,13 +116,15 @@ def run(args: argparse.Namespace) -> int:
         if first is not None:
             begin_s = first.stamp_s
             recorded = takewhile(
-                lambda frame: frame.stamp_s - begin_s < args.seconds, chain([first], frames)
+                lambda frame: frame.stamp_s - begin_s < request.seconds, chain([first], frames)
             )
-            writer = _create_writer(args, config, camera.ground_truth)
+            writer = _create_writer(request, config, camera.ground_truth)
             written = _write_frames(writer, recorded, camera.frame_count, terminal)
     terminal.clear()
     print(
-        f"{written} frames in {args.output}" if written else "no frame received: nothing is written"
+        f"{written} frames in {request.output}"
+        if written
+        else "no frame received: nothing is written"
     )
     return stop.exit_code
 
@@ -130,35 +143,35 @@ def _write_frames(
     return writer.written
 
 
-def _check_output(args: argparse.Namespace) -> None:
+def _check_output(request: RecordRequest) -> None:
     """Raise InputError if the options do not fit the kind of output."""
-    suffix = args.output.suffix.lower()
-    if suffix != MCAP_SUFFIX and is_bag_file(args.output.name):
+    suffix = request.output.suffix.lower()
+    if suffix != MCAP_SUFFIX and is_bag_file(request.output.name):
         raise InputError(
-            f"{args.output}: bags are not recorded live; record an .mcap and use `kinect-vo "
+            f"{request.output}: bags are not recorded live; record an .mcap and use `kinect-vo "
             "convert`"
         )
-    if choose_format(args.output, None) is OutputFormat.MCAP:
-        check_bag_packages(args.output)
-        if args.jpeg and args.raw:
+    if choose_format(request.output, None) is OutputFormat.MCAP:
+        check_bag_packages(request.output)
+        if request.jpeg and request.raw:
             raise InputError("--jpeg and --raw contradict each other; leave one of the two out")
-    elif args.raw:
+    elif request.raw:
         raise InputError("--raw is for FILE.mcap; a folder without --jpeg is lossless")
 
 
 def _create_writer(
-    args: argparse.Namespace, config: Config, ground_truth: Trajectory | None
+    request: RecordRequest, config: Config, ground_truth: Trajectory | None
 ) -> "TumWriter | McapRecorder":
-    if args.output.suffix.lower() != MCAP_SUFFIX:
-        color = ColorFormat.JPEG if args.jpeg else ColorFormat.PNG
-        return TumWriter(args.output, ground_truth=ground_truth, color_format=color)
+    if request.output.suffix.lower() != MCAP_SUFFIX:
+        color = ColorFormat.JPEG if request.jpeg else ColorFormat.PNG
+        return TumWriter(request.output, ground_truth=ground_truth, color_format=color)
     from drivers.bag.mcap_recorder import McapRecorder  # its packages are optional
 
     return McapRecorder(
-        args.output,
+        request.output,
         ground_truth=ground_truth,
         T_base_camera=config.T_base_camera.T_base_camera,
-        is_raw=args.raw,
+        is_raw=request.raw,
     )
 
 

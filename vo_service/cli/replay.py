@@ -1,38 +1,45 @@
 """``kinect-vo replay``: run the odometry over a recording and print a summary."""
 
-import argparse
 import json
+from contextlib import closing
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 from drivers.camera import PlaybackMode
 from drivers.core import InputError
+from drivers.core.files import atomic_write
+from drivers.core.geometry import format_trajectory
+from drivers.core.write_errors import check_output_file
+from drivers.playback.camera import RecordingCamera
 from vo_service.app import OutputsConfig, open_frames, open_outputs, run_replay
-from vo_service.cli.loop_closure_options import (
-    add_loop_closure_options,
-    check_optimized_trajectory_path,
-    make_requested_loop_closure,
-    summarize_loop_closure,
-    write_optimized_trajectory,
-)
+from vo_service.cli.kernels import prepare_kernels
+from vo_service.cli.loop_closure import make_loop_closure, summarize_loop_closure
 from vo_service.cli.options import (
-    add_camera_file_option,
-    add_config_options,
-    add_output_options,
-    add_topics_option,
+    CameraFile,
+    ConfigFile,
+    Json,
+    McapFile,
+    Method,
+    NoPublish,
+    Recording,
+    RerunTargets,
+    Timing,
+    Topics,
+    TrajectoryFile,
+    at_pace,
     load_config,
     parse_playback_mode,
     parse_seconds,
-    prepare_kernels,
 )
-from vo_service.cli.recordings import RECORDING_HELP, replayed_recording
+from vo_service.cli.request import CommandRequest, flag, option
 from vo_service.frame_source import FrameSource
 from vo_service.outputs.progress import ProgressOutput
 from vo_service.outputs.trajectory.trajectory_file import TrajectoryRecorder
 from vo_service.outputs.zenoh.free_port import ConnectOnFreePort
 from vo_service.outputs.zenoh.output import ConnectOnce
 from vo_service.signals import stop_on_signals
-from vo_service.terminal import Terminal
+from vo_service.terminal import Terminal, announce_if_slow
 from vo_service.tools.evaluation.run_summary import RunSummary
 from vo_service.types.outputs import NullLoopClosure, Output
 
@@ -70,92 +77,115 @@ RECORDING_FILES = (
 )  # fmt: skip
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's options."""
-    parser.add_argument("folder", metavar="RECORDING", type=Path, help=RECORDING_HELP)
-    add_topics_option(parser)
-    add_config_options(parser)
-    parser.add_argument(
-        "--pace", type=parse_playback_mode, metavar="PACE", default=PlaybackMode.LOCKSTEP,
-        help="lockstep (default) or realtime",
-    )  # fmt: skip
-    add_camera_file_option(parser)
-    add_output_options(parser)
-    add_loop_closure_options(parser)
-    parser.add_argument(
-        "--wait-for-subscriber", metavar="SECONDS", type=parse_seconds, default=0.0,
-        help="start when a subscriber connects, or after SECONDS",
-    )  # fmt: skip
-    parser.add_argument("--json", action="store_true", help="print one JSON object, nothing else")
+@dataclass(frozen=True, kw_only=True)
+class ReplayRequest(CommandRequest):
+    """The recording, the odometry, and what becomes of its results."""
+
+    folder: Recording
+    topics: Topics = None
+    config: ConfigFile = None
+    method: Method = None
+    timing: Timing = None
+    pace: PlaybackMode = option(
+        "lockstep (default) or realtime",
+        PlaybackMode.LOCKSTEP,
+        metavar="PACE",
+        parse=parse_playback_mode,
+    )
+    camera_file: CameraFile = None
+    trajectory: TrajectoryFile = None
+    mcap: McapFile = None
+    rerun: RerunTargets = ()
+    no_publish: NoPublish = False
+    loop_closure: bool = flag("enable loop closure and optimize the trajectory")
+    optimized_trajectory: Path | None = option(
+        "write the trajectory as optimized by loop closure; implies --loop-closure", metavar="FILE"
+    )
+    wait_for_subscriber: float = option(
+        "start when a subscriber connects, or after SECONDS",
+        0.0,
+        metavar="SECONDS",
+        parse=parse_seconds,
+    )
+    json: Json = False
 
 
-def run(args: argparse.Namespace) -> int:
+REQUEST = ReplayRequest
+
+
+def run(request: ReplayRequest) -> int:
     """Replay and print the summary.
 
     Raises:
         UserFacingError: If an option or the recording is not valid, if an output fails, or if no
             frame has a pose.
     """
-    config = load_config(args)
-    _check_not_overwriting_recording(args)
-    check_optimized_trajectory_path(args)
+    config = at_pace(load_config(request.config, request), request.pace)
+    _check_not_overwriting_recording(request)
+    if request.optimized_trajectory is not None:
+        check_output_file(request.optimized_trajectory)
     terminal = Terminal()
     recorder = TrajectoryRecorder()
-    with replayed_recording(args, args.camera_file or config.camera.file, args.pace) as camera:
+    camera = RecordingCamera(
+        request.folder, config.camera.file, request.pace, topics=request.topics
+    )
+    with closing(camera):
+        with announce_if_slow(f"reading {request.folder}"):
+            camera.open()
         with stop_on_signals() as stop:
             prepare_kernels(config, terminal, stop)
-            loop_closure = make_requested_loop_closure(args, config, terminal, stop)
-        request = OutputsConfig(
-            playback_mode=args.pace,
-            zenoh=None if args.no_publish else config.zenoh,
+            closes_loops = request.loop_closure or request.optimized_trajectory is not None
+            loop_closure = make_loop_closure(config, terminal, stop) if closes_loops else None
+        outputs_config = OutputsConfig(
+            playback_mode=request.pace,
+            zenoh=None if request.no_publish else config.zenoh,
             frames=partial(open_frames, config),
             # An expected subscriber connects to the configured port.
-            connect_policy=ConnectOnce if args.wait_for_subscriber else ConnectOnFreePort,
-            wait_for_subscriber_s=args.wait_for_subscriber,
+            connect_policy=ConnectOnce if request.wait_for_subscriber else ConnectOnFreePort,
+            wait_for_subscriber_s=request.wait_for_subscriber,
             rerun=config.rerun,
             extra=config.outputs.extra,
-            mcap=args.mcap,
-            trajectory=args.trajectory,
+            mcap=request.mcap,
+            trajectory=request.trajectory,
             ground_truth=lambda: camera.ground_truth,
             log_line=terminal.write_line,
         )
         progress = ProgressOutput(terminal, "replay", camera.frame_count)
         own: list[Output] = [recorder, *([loop_closure] if loop_closure else []), progress]
-        with open_outputs(request) as opened, stop_on_signals() as stop:
-            outputs = [*opened.outputs, *own]
-            frame_source = FrameSource(camera)
+        with open_outputs(outputs_config) as opened, stop_on_signals() as stop:
             result = run_replay(
-                config, camera, frame_source, outputs, stop, loop_closure or NullLoopClosure()
+                config,
+                camera,
+                FrameSource(camera),
+                [*opened.outputs, *own],
+                stop,
+                loop_closure or NullLoopClosure(),
             )
         for output in own:
             output.close()
         truth = camera.ground_truth
         frames_s = camera.recording.frames.stamps_s
-        loop_closure_summary = (
-            summarize_loop_closure(loop_closure, truth, frames_s) if loop_closure else None
-        )
         summary = RunSummary.from_run(
             result.statistics,
             camera.counters,
             recorder.trajectory,
             truth,
             frames_s,
-            loop_closure_summary,
+            summarize_loop_closure(loop_closure, truth, frames_s) if loop_closure else None,
         )
-    if loop_closure and args.optimized_trajectory:
-        write_optimized_trajectory(
-            args.optimized_trajectory, loop_closure.trajectory, recorder.publish_offset_s
-        )
-    print(json.dumps(summary.as_json()) if args.json else summary.as_table())
-    result.check_has_motion(str(args.folder))
+    if loop_closure and request.optimized_trajectory:
+        optimized = format_trajectory(loop_closure.trajectory, recorder.publish_offset_s)
+        atomic_write(request.optimized_trajectory, optimized)
+    print(json.dumps(summary.as_json()) if request.json else summary.as_table())
+    result.check_has_motion(str(request.folder))
     return result.exit_code
 
 
-def _check_not_overwriting_recording(args: argparse.Namespace) -> None:
+def _check_not_overwriting_recording(request: ReplayRequest) -> None:
     """Raise InputError if an output would be written over one of the recording's files."""
-    for path in (args.trajectory, args.optimized_trajectory, args.mcap):
+    for path in (request.trajectory, request.optimized_trajectory, request.mcap):
         if path is not None and path.exists():
-            recording = args.folder.resolve()
+            recording = request.folder.resolve()
             is_listed = any(path.resolve().match(pattern) for pattern in RECORDING_FILES)
             inside = path.resolve().is_relative_to(recording) and is_listed
             if inside or path.resolve() == recording:

@@ -1,12 +1,13 @@
 """``kinect-vo router``: run a small Zenoh router, for a fleet without `zenohd`."""
 
-import argparse
+from dataclasses import dataclass
 from pathlib import Path
 
 import zenoh
 
 from drivers.core import InputError
 from vo_service.cli.options import print_message
+from vo_service.cli.request import CommandRequest, argument
 from vo_service.config_tables import ZenohConfig
 from vo_service.outputs.zenoh.addresses import configured_endpoints
 from vo_service.outputs.zenoh.session import log_connections, open_session
@@ -25,21 +26,26 @@ reads the same file: zenohd -c fleet-router.json5, in the folder of the file and
 _POLL_PERIOD_S = 0.2
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's options."""
-    parser.add_argument("file", metavar="FILE", type=Path, help="Zenoh configuration (JSON5)")
+@dataclass(frozen=True, kw_only=True)
+class RouterRequest(CommandRequest):
+    """The configuration of the router."""
+
+    file: Path = argument("Zenoh configuration (JSON5)", "FILE")
 
 
-def run(args: argparse.Namespace) -> int:
+REQUEST = RouterRequest
+
+
+def run(request: RouterRequest) -> int:
     """Route until stopped.
 
     Raises:
         InputError: If the file is not valid, or not the configuration of a router.
     """
-    config = ZenohConfig(config_file=args.file, listen=())
+    config = ZenohConfig(config_file=request.file, listen=())
     settings = build_zenoh_config(config)
     if settings.get_json("mode") != '"router"':
-        raise InputError(f'{args.file}: not a router\'s configuration; set mode: "router" in it')
+        raise InputError(f'{request.file}: not a router\'s configuration; set mode: "router" in it')
     zenoh.try_init_log_from_env()  # type: ignore[no-untyped-call]
     with stop_on_signals() as stop, open_session(config) as session:
         log_connections(session)

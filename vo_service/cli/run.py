@@ -1,12 +1,13 @@
 """``kinect-vo run``: run the odometry as a service."""
 
-import argparse
 import logging
 import math
 import sys
 from contextlib import closing, suppress
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Annotated
 
 import zenoh
 
@@ -25,18 +26,23 @@ from vo_service.app import (
     open_recorder,
     open_sensor_memory,
 )
+from vo_service.cli.kernels import loops_are_prepared, prepare_kernels, prepare_loop_closure
 from vo_service.cli.options import (
-    add_camera_options,
-    add_config_options,
-    add_output_options,
-    add_prefix_option,
+    CameraFile,
+    CameraSource,
+    ConfigFile,
+    McapFile,
+    Method,
+    NoPublish,
+    RerunTargets,
+    Timing,
+    Topics,
+    TrajectoryFile,
+    at_pace,
     load_config,
-    loops_are_prepared,
     parse_playback_mode,
-    prepare_kernels,
-    prepare_loop_closure,
-    requested_topics,
 )
+from vo_service.cli.request import CommandRequest, config_option, option
 from vo_service.config import Config, ConfigReloader
 from vo_service.control import CommandQueue
 from vo_service.outputs.progress import ProgressOutput
@@ -78,30 +84,55 @@ ends the service within 5 seconds, with exit code 0.
 MAX_SHUTDOWN_S = 4.5
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's options."""
-    add_config_options(parser)
-    add_camera_options(parser)
-    parser.add_argument(
-        "--pace", type=parse_playback_mode, metavar="PACE", default=PlaybackMode.REALTIME,
-        help="realtime (default), or lockstep for a recording",
-    )  # fmt: skip
-    add_prefix_option(parser)
-    add_output_options(parser)
+@dataclass(frozen=True, kw_only=True)
+class RunServiceRequest(CommandRequest):
+    """The camera, the odometry, and what becomes of its results."""
+
+    config: ConfigFile = None
+    method: Method = None
+    timing: Timing = None
+    camera: CameraSource = None
+    camera_file: CameraFile = None
+    topics: Topics = None
+    pace: PlaybackMode = option(
+        "realtime (default), or lockstep for a recording",
+        PlaybackMode.REALTIME,
+        metavar="PACE",
+        parse=parse_playback_mode,
+    )
+    prefix: Annotated[str | None, config_option("zenoh.prefix", metavar="PREFIX")] = None
+    trajectory: TrajectoryFile = None
+    mcap: McapFile = None
+    rerun: RerunTargets = ()
+    no_publish: NoPublish = False
+
+    def load(self) -> Config:
+        """Read the configuration, at the start and again for each reload."""
+        return at_pace(load_config(self.config, self), self.pace)
 
 
-def run(args: argparse.Namespace) -> int:
+REQUEST = RunServiceRequest
+
+
+def run(request: RunServiceRequest) -> int:
     """Run the service until stopped.
 
     Raises:
         UserFacingError: If the configuration is not valid, or if an output cannot be opened.
     """
     limit_freed_memory()  # it costs time, so other commands go without
-    config = load_config(args)
+    config = request.load()
     set_log_level(config.log.level)
-    _rotate_trajectory(args.trajectory)
+    _rotate_trajectory(request.trajectory)
     terminal = Terminal(log_period_s=math.inf)  # a service logs only changes
-    camera = _make_camera(args, config)
+    camera = open_camera(
+        request.camera or config.camera.source,
+        camera_file=config.camera.file,
+        playback_mode=request.pace,
+        sensor=config.sensor,
+        synthetic=config.synthetic,
+        topics=request.topics,
+    )
     with (
         stop_on_signals() as stop,
         reload_on_sighup() as reload_signal,
@@ -112,12 +143,12 @@ def run(args: argparse.Namespace) -> int:
         prepare_kernels(config, terminal, stop)
         if config.map.enabled and config.map.loop_closure and not loops_are_prepared():
             prepare_loop_closure(terminal, stop)
-        _serve(args, config, camera, terminal, stop, reload_signal)
+        _serve(request, config, camera, terminal, stop, reload_signal)
     return 0
 
 
 def _serve(
-    args: argparse.Namespace,
+    request: RunServiceRequest,
     config: Config,
     camera: RgbdCamera,
     terminal: Terminal,
@@ -128,9 +159,9 @@ def _serve(
     zenoh.try_init_log_from_env()  # type: ignore[no-untyped-call]
     command_queue = CommandQueue()
     commands = make_command_endpoint(config.commands, command_queue)
-    reloader = ConfigReloader(config, lambda: load_config(args))
+    reloader = ConfigReloader(config, request.load)
     with (
-        open_outputs(_make_outputs_config(args, config, commands, terminal)) as opened,
+        open_outputs(_make_outputs_config(request, config, commands, terminal)) as opened,
         closing(open_sensor_memory(config, camera)) as sensor_memory,
         closing(SystemdOutput()) as systemd,
         closing(command_queue),
@@ -153,7 +184,7 @@ def _serve(
                 command_queue.submit_internal(live.make_reload_command(reloader.reload()))
 
         # Without --config, SIGHUP means that the terminal was closed.
-        on_reload = stop.request if args.config is None else reload
+        on_reload = stop.request if request.config is None else reload
         release_memory()  # all kernels are loaded
         run_on_loop_thread(live.service.run, stop, reload_signal, on_reload)
         if reason := live.service.statistics.failure_reasons.no_motion_reason:
@@ -161,11 +192,11 @@ def _serve(
 
 
 def _make_outputs_config(
-    args: argparse.Namespace, config: Config, commands: CommandEndpoint, terminal: Terminal
+    request: RunServiceRequest, config: Config, commands: CommandEndpoint, terminal: Terminal
 ) -> OutputsConfig:
     return OutputsConfig(
-        playback_mode=args.pace,
-        zenoh=None if args.no_publish else config.zenoh,
+        playback_mode=request.pace,
+        zenoh=None if request.no_publish else config.zenoh,
         frames=partial(open_frames, config),
         connect_policy=ConnectWithRetry,
         extra_endpoints=ExtraEndpoints(commands, config.ros2),
@@ -173,8 +204,8 @@ def _make_outputs_config(
         mapper=partial(open_mapper, config),
         rerun=config.rerun,
         extra=config.outputs.extra,
-        mcap=args.mcap or config.outputs.mcap,
-        trajectory=args.trajectory,
+        mcap=request.mcap or config.outputs.mcap,
+        trajectory=request.trajectory,
         log_line=terminal.write_line,
     )
 
@@ -184,14 +215,3 @@ def _rotate_trajectory(path: Path | None) -> None:
     if path is not None and path.is_file():
         with creating(path):
             rotate_file(path, max_files=sys.maxsize)
-
-
-def _make_camera(args: argparse.Namespace, config: Config) -> RgbdCamera:
-    return open_camera(
-        args.camera or config.camera.source,
-        camera_file=args.camera_file or config.camera.file,
-        playback_mode=args.pace,
-        sensor=config.sensor,
-        synthetic=config.synthetic,
-        topics=requested_topics(args),
-    )

@@ -1,10 +1,12 @@
 """``kinect-vo service``: install the program as a systemd service, or uninstall it."""
 
-import argparse
 import os
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 from drivers.core import UserFacingError
+from vo_service.cli.request import CommandRequest, Option, argument, flag, option
 from vo_service.tools.install.installer import Installer
 from vo_service.tools.install.system_files import format_sudo_command
 from vo_service.tools.install.systemd import (
@@ -31,55 +33,72 @@ checkout, it updates and restarts the service.
 """
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's actions."""
-    actions = parser.add_subparsers(title="actions", metavar="ACTION", dest="action", required=True)
-    install = actions.add_parser("install", help="install or update the service (as root)")
-    install.add_argument(
-        "--name", default="", metavar="NAME",
-        help="kinect-vo@NAME with /etc/kinect-vo/NAME.toml, one of several on this computer",
-    )  # fmt: skip
-    install.add_argument(
-        "--enable", action="store_true", help="start the service now and at every boot"
+Root = Annotated[
+    Path,
+    Option("a tree other than /, such as an image's; nothing is started", metavar="DIR"),
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class InstallServiceRequest(CommandRequest):
+    """Install or update the service (as root)."""
+
+    name: str = option(
+        "kinect-vo@NAME with /etc/kinect-vo/NAME.toml, one of several on this computer",
+        "",
+        metavar="NAME",
     )
-    install.add_argument(
-        "--network-tls", action="store_true",
-        help="also install the drop-in that allows network access, for the TLS profile",
-    )  # fmt: skip
-    uninstall = actions.add_parser("uninstall", help="uninstall the service (as root)")
-    uninstall.add_argument(
-        "--purge", action="store_true",
-        help="also remove /etc/kinect-vo, incidents and compiled kernels",
-    )  # fmt: skip
-    for action in (install, uninstall):
-        action.add_argument(
-            "--root", metavar="DIR", type=Path, default=Path("/"),
-            help="a tree other than /, such as an image's; nothing is started",
-        )  # fmt: skip
-    show = actions.add_parser("show", help="print an installed file")
-    show.add_argument("file", choices=[*UNITS, DROP_IN, "kinect.toml"])
+    enable: bool = flag("start the service now and at every boot")
+    network_tls: bool = flag(
+        "also install the drop-in that allows network access, for the TLS profile"
+    )
+    root: Root = Path("/")
+
+    def apply(self, installer: Installer) -> None:
+        unit = ServiceUnit(self.name)
+        installer.install(unit, enable=self.enable, network_tls=self.network_tls)
 
 
-def run(args: argparse.Namespace) -> int:
+@dataclass(frozen=True, kw_only=True)
+class UninstallServiceRequest(CommandRequest):
+    """Uninstall the service (as root)."""
+
+    purge: bool = flag("also remove /etc/kinect-vo, incidents and compiled kernels")
+    root: Root = Path("/")
+
+    def apply(self, installer: Installer) -> None:
+        installer.uninstall(purge=self.purge)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShowServiceFileRequest(CommandRequest):
+    """Print an installed file."""
+
+    file: str = argument("", allowed=[*UNITS, DROP_IN, "kinect.toml"])
+
+
+ACTIONS = {
+    "install": InstallServiceRequest,
+    "uninstall": UninstallServiceRequest,
+    "show": ShowServiceFileRequest,
+}
+
+
+def run(request: InstallServiceRequest | UninstallServiceRequest | ShowServiceFileRequest) -> int:
     """Install, uninstall or show.
 
     Raises:
         UserFacingError: If it fails, or if the user is not root: with the sudo command.
     """
-    if args.action == "show":
-        print(read_service_file(args.file), end="")
+    if isinstance(request, ShowServiceFileRequest):
+        print(read_service_file(request.file), end="")
         return 0
-    root: Path = args.root.absolute()
+    root = request.root.absolute()
     before = os.umask(0o022)  # installed files are readable by every user
     try:
-        _require_root(root, args)
+        _require_root(root, request)
         systemd = Systemd() if root == Path("/") else OfflineSystemd(root)
-        installer = Installer(root, systemd, print_line)
-        if args.action == "install":
-            unit = ServiceUnit(args.name)
-            installer.install(unit, enable=args.enable, network_tls=args.network_tls)
-        else:
-            installer.uninstall(purge=args.purge)
+        request.apply(Installer(root, systemd, print_line))
     finally:
         os.umask(before)
     return 0
@@ -90,9 +109,14 @@ def print_line(text: str) -> None:
     print(text, flush=True)
 
 
-def _require_root(root: Path, args: argparse.Namespace) -> None:
+def _require_root(root: Path, request: InstallServiceRequest | UninstallServiceRequest) -> None:
     if root == Path("/") and os.geteuid() != 0:
-        given = [f"--{key.replace('_', '-')}" for key, value in vars(args).items() if value is True]
-        name = ["--name", args.name] if getattr(args, "name", "") else []
-        command = format_sudo_command("service", args.action, *name, *given)
+        given = [f"--{key.replace('_', '-')}" for key, on in vars(request).items() if on is True]
+        name = (
+            ["--name", request.name]
+            if isinstance(request, InstallServiceRequest) and request.name
+            else []
+        )
+        action = next(name for name, kind in ACTIONS.items() if isinstance(request, kind))
+        command = format_sudo_command("service", action, *name, *given)
         raise UserFacingError(f"only root may change the services of this computer; run: {command}")

@@ -1,9 +1,10 @@
 """``kinect-vo udev``: install, show or remove the udev rules of the sensors."""
 
-import argparse
+from dataclasses import dataclass
 from pathlib import Path
 
 from vo_service.cli.options import print_message
+from vo_service.cli.request import CommandRequest, option
 from vo_service.tools.install.udev import apply_rules, install, list_system_files, uninstall
 
 EPILOG = """\
@@ -21,37 +22,48 @@ The rules of Debian's libfreenect0.5 and libopenni2-0 let every user open some o
 """
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's actions."""
-    actions = parser.add_subparsers(title="actions", metavar="ACTION", dest="action", required=True)
-    for name, text in (
-        ("install", "write the files and have udev read them (as root)"),
-        ("uninstall", "remove the files and have udev forget them (as root)"),
-    ):
-        action = actions.add_parser(name, help=text)
-        action.add_argument(
-            "--root", metavar="DIR", type=Path, help="a tree other than /; nothing is reloaded"
-        )
-    actions.add_parser("show", help="print the files")
+@dataclass(frozen=True, kw_only=True)
+class InstallRulesRequest(CommandRequest):
+    """Write the files and have udev read them (as root)."""
+
+    root: Path | None = option("a tree other than /; nothing is reloaded", metavar="DIR")
 
 
-def run(args: argparse.Namespace) -> int:
+@dataclass(frozen=True, kw_only=True)
+class UninstallRulesRequest(InstallRulesRequest):
+    """Remove the files and have udev forget them (as root)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShowRulesRequest(CommandRequest):
+    """Print the files."""
+
+
+ACTIONS = {
+    "install": InstallRulesRequest,
+    "uninstall": UninstallRulesRequest,
+    "show": ShowRulesRequest,
+}
+
+
+def run(request: InstallRulesRequest | ShowRulesRequest) -> int:
     """Install, uninstall or show.
 
     Raises:
         UserFacingError: If it fails, or if the user may not: with the sudo command.
     """
-    if args.action == "show":
+    if isinstance(request, ShowRulesRequest):
         print("\n".join(f"# /{file.path}\n{file.text}" for file in list_system_files()), end="")
         return 0
-    root: Path = args.root or Path("/")
-    changed = (install if args.action == "install" else uninstall)(root)
-    verb = "written" if args.action == "install" else "removed"
+    root = request.root or Path("/")
+    if isinstance(request, UninstallRulesRequest):
+        changed, verb, rest = uninstall(root), "removed", "was not there"
+    else:
+        changed, verb, rest = install(root), "written", "was there already"
     for file in list_system_files():
         path = root / file.path
-        rest = "was there already" if args.action == "install" else "was not there"
         print(f"{path}: {verb if path in changed else rest}")
-    if args.root is None:
+    if request.root is None:
         _apply_rules()
     return 0
 

@@ -1,16 +1,12 @@
 """``kinect-vo warm-up``: compile the kernels."""
 
-import argparse
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 
-from vo_service.cli.options import (
-    add_config_options,
-    load_config,
-    prepare_kernels,
-    prepare_loop_closure,
-    run_warm_up,
-)
+from vo_service.cli.kernels import prepare_kernels, prepare_loop_closure, run_warm_up
+from vo_service.cli.options import ConfigFile, Method, Timing, load_config
+from vo_service.cli.request import CommandRequest
 from vo_service.signals import stop_on_signals
 from vo_service.terminal import Terminal
 
@@ -24,12 +20,19 @@ copied from there.
 """
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's options."""
-    add_config_options(parser)
+@dataclass(frozen=True, kw_only=True)
+class WarmUpRequest(CommandRequest):
+    """The parts whose kernels are compiled."""
+
+    config: ConfigFile = None
+    method: Method = None
+    timing: Timing = None
 
 
-def run(args: argparse.Namespace) -> int:
+REQUEST = WarmUpRequest
+
+
+def run(request: WarmUpRequest) -> int:
     """Compile the kernels of the configured parts, or load them from the cache.
 
     Raises:
@@ -38,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
     # Imported here because `kinect-vo warm-up --help` does not need it.
     from vo_service.reconstruction.warm_up import warm_up_reconstruction
 
-    config = load_config(args)
+    config = load_config(request.config, request)
     terminal = Terminal()
     with stop_on_signals() as stop:
         taken_s = prepare_kernels(config, terminal, stop)

@@ -5,11 +5,12 @@ Transactions on Graphics 32(6), 2013.
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.core.config import Field
 from drivers.core.jit import kernel
 
 # Lower bounds of the truncation distance. A smaller one would not merge a surface that was seen
@@ -19,17 +20,16 @@ MIN_TRUNCATION_VOXELS, MIN_TRUNCATION_M = 4.0, 0.06
 
 @dataclass(frozen=True)
 class TsdfConfig:
-    """Resolution and limits of a map.
+    """Resolution and limits of a map; the memory limit includes mesh extraction."""
 
-    Attributes:
-        voxel_m: Edge of a voxel, the finest detail.
-        memory_mb: Memory limit, including mesh extraction.
-        max_depth_m: Greater depths are ignored, as they are too coarse.
-    """
-
-    voxel_m: float = 0.01
-    memory_mb: int = 1000
-    max_depth_m: float = 4.0
+    voxel_m: Annotated[float, Field("voxel size, in meters", minimum=0.002, maximum=0.5)] = 0.01
+    memory_mb: Annotated[
+        int, Field("memory limit of the map; later surfaces are left out", minimum=20)
+    ] = 1000
+    max_depth_m: Annotated[
+        float,
+        Field("surfaces farther from the camera are left out", minimum=0.1, maximum=20.0),
+    ] = 4.0
 
     @property
     def truncation_m(self) -> float:

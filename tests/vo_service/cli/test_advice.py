@@ -33,8 +33,9 @@ PRINTED_BY = {
     "vo_service/tools/doctor/": ("doctor",),
     "vo_service/tools/download/": ("download",),
     "vo_service/cli/calibrate_timing.py": ("calibrate",),
-    "vo_service/cli/reconstruct_pipeline.py": ("reconstruct",),
-    "vo_service/cli/loop_closure_options.py": ("replay", "reconstruct"),
+    "vo_service/cli/reconstruct_tracking.py": ("reconstruct",),
+    "vo_service/cli/calibrate_learned.py": ("calibrate",),
+    "vo_service/cli/calibrate_request.py": ("calibrate",),
     **{f"vo_service/cli/{n.replace('-', '_')}.py": (n,) for n in COMMANDS if n != "devices"},
 }
 

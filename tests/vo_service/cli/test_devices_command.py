@@ -11,7 +11,7 @@ from tests.simulators.kinect_simulator import KinectModel as Played
 from tests.simulators.kinect_simulator import KinectSimulator, simulator_environment
 from tests.vo_service.cli.cli_runner import run_in_process
 from tests.vo_service.tools.doctor.doctor_fakes import make_sensor
-from vo_service.tools.doctor.camera_checks import OpenNI2Listing, list_available_devices
+from vo_service.tools.doctor.device_list import OpenNI2Listing, list_available_devices
 from vo_service.tools.doctor.usb_probe import OpenError
 
 SERIAL = "A00123456789012A"

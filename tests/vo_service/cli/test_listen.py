@@ -1,6 +1,5 @@
 """``listen`` in a process of its own against real publishers."""
 
-import argparse
 import json
 import signal
 import subprocess
@@ -19,6 +18,7 @@ from tests.ports import free_port
 from tests.vo_service.client.fake_service import BLOCK
 from tests.waiting import wait_until
 from vo_service.cli import listen
+from vo_service.cli.command_line import make_parser
 from vo_service.config_tables import ZenohConfig
 from vo_service.outputs.zenoh.session import open_session
 from vo_service.ros_messages.navigation import (
@@ -30,13 +30,9 @@ from vo_service.ros_messages.navigation import (
 
 pytestmark = [pytest.mark.subprocess, pytest.mark.zenoh]
 
-COMMAND = """
-import argparse, sys
-from vo_service.cli import listen
-parser = argparse.ArgumentParser()
-listen.add_arguments(parser)
-sys.exit(listen.run(parser.parse_args()))
-"""
+COMMAND = (
+    "import sys; from vo_service.cli.command_line import main; main(['listen', *sys.argv[1:]])"
+)
 ABOUT = {"schema": 1, "seq": 7, "state": "tracking", "epoch": 2, "reason": ""}
 
 
@@ -234,18 +230,14 @@ def test_an_unreadable_message_is_skipped(endpoint: str) -> None:
         assert process.wait(100) == 0
 
 
-@pytest.mark.parametrize("options", [["--prefix", "/x"], ["--connect", "nonsense"]])
-def test_a_bad_option_is_an_input_error(options: list[str]) -> None:
-    parser = argparse.ArgumentParser()
-    listen.add_arguments(parser)
+@pytest.mark.parametrize("options", [{"prefix": "/x"}, {"connect": "nonsense"}])
+def test_a_bad_option_is_an_input_error(options: dict[str, Any]) -> None:
     with pytest.raises(InputError):
-        listen.run(parser.parse_args(options))
+        listen.run(listen.ListenRequest(**options))
 
 
 @pytest.mark.parametrize("count", ["0", "-1", "many"])
 def test_an_invalid_count_is_rejected(count: str, capsys: pytest.CaptureFixture[str]) -> None:
-    parser = argparse.ArgumentParser()
-    listen.add_arguments(parser)
     with pytest.raises(SystemExit):
-        parser.parse_args(["--count", count])
+        make_parser(["listen"]).parse_args(["listen", "--count", count])
     assert "--count" in capsys.readouterr().err

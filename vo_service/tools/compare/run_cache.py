@@ -12,7 +12,7 @@ import numpy as np
 
 from drivers.core import InputError, UserFacingError
 from drivers.core.files import atomic_write
-from drivers.core.geometry import Trajectory, format_pose_line, read_trajectory
+from drivers.core.geometry import Trajectory, format_trajectory, read_trajectory
 from drivers.core.write_errors import create_output_folder
 from vo_service.tools.compare.methods import MethodFactory
 from vo_service.tools.compare.observers import NULL_OBSERVER, ObserverFactory
@@ -197,7 +197,7 @@ def loop_closure_as_json(loop_closure: LoopClosureRun | None) -> dict[str, objec
 
 
 def _format_trajectory(poses: Trajectory) -> bytes:
-    return "".join(map(format_pose_line, poses.stamps_s, poses.T_world_camera)).encode()
+    return format_trajectory(poses)
 
 
 def _format_frames(frames: FrameLog) -> str:

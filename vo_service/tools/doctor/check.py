@@ -1,14 +1,15 @@
 """A check of the computer or of the camera, and running several in order."""
 
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from enum import StrEnum
 from functools import cached_property
 from pathlib import Path
-from typing import Protocol
 
 from drivers.kinect_usb.usb_ids import SensorModel
+from vo_service.sensor_memory import RememberedSensor, find_remembered_sensors, memory_folders
 from vo_service.tools.doctor.finding import CheckVerdict, Finding, skipped, unknown
 from vo_service.tools.doctor.stream_probe import StreamSample
 from vo_service.tools.doctor.usb_probe import KernelUsbDevice, UsbPart, UsbSensor, list_usb_devices
@@ -17,26 +18,37 @@ _log = logging.getLogger(__name__)
 ShowBusy = Callable[[str], AbstractContextManager[object]]
 
 
-class Check(Protocol):
-    """One question about the machine or the camera."""
+class CameraKind(StrEnum):
+    """What is checked, by the value of --camera."""
 
-    @property
-    def name(self) -> str:
-        """Stable name for --json: lower case, words joined by "-"."""
-        ...
+    KINECT = "Kinect"
+    PRIMESENSE = "PrimeSense sensor"
+    ONI = "recording of OpenNI2"
+    OTHER = "recording, virtual camera or plug-in"
 
-    @property
-    def needs(self) -> tuple[str, ...]:
-        """Names of checks that must not fail; each runs before this one."""
-        ...
 
-    def run(self, context: "CheckContext") -> Finding:
-        """Run the check.
+KINECT_MODELS = frozenset({SensorModel.K1414, SensorModel.K1473, SensorModel.K4W})
+PRIMESENSE_MODELS = frozenset(
+    {SensorModel.PRIMESENSE, SensorModel.XTION, SensorModel.XTION_LIVE, SensorModel.CARMINE}
+)
+SENSORS = frozenset({CameraKind.KINECT, CameraKind.PRIMESENSE})
 
-        Raises:
-            InputError: For invalid user input.
-        """
-        ...
+
+@dataclass(frozen=True)
+class Check:
+    """One question about the machine or the camera.
+
+    Attributes:
+        name: Stable name for --json: lower case, words joined by "-".
+        run: Answers it; raises InputError for invalid user input.
+        needs: Names of checks that must not fail; each runs before this one, if it applies.
+        kinds: Cameras that it applies to.
+    """
+
+    name: str
+    run: "Callable[[CheckContext], Finding]"
+    needs: tuple[str, ...] = ()
+    kinds: frozenset[CameraKind] = frozenset(CameraKind)
 
 
 @dataclass(frozen=True)
@@ -56,26 +68,28 @@ class SystemPaths:
         return self.root / "proc"
 
 
+def find_learned_sensors() -> Mapping[str, RememberedSensor]:
+    """Find what the services on this computer have learned, by serial number."""
+    return find_remembered_sensors(memory_folders())
+
+
+@dataclass
 class CheckContext:
-    """One computer and one requested camera."""
+    """One computer and one requested camera; nothing is read before it is needed.
 
-    def __init__(
-        self,
-        paths: SystemPaths,
-        requested: "RequestedSensor",
-        probe_usb: Callable[[], Sequence[UsbSensor]],
-        probe_stream: Callable[[], StreamSample],
-    ) -> None:
-        """Store the sources of the data; nothing is read yet.
+    Attributes:
+        requested: The camera to check.
+        probe_usb: Finds the sensors on the USB.
+        probe_stream: Opens the camera and reads its frames.
+        paths: Paths of the computer's virtual files.
+        find_learned: Finds what services have learned, by serial number.
+    """
 
-        Args:
-            paths: Paths of the computer's virtual files.
-            probe_stream: Opens the camera and reads its frames.
-        """
-        self.paths = paths
-        self.requested = requested
-        self._probe_usb = probe_usb
-        self._probe_stream = probe_stream
+    requested: "RequestedCamera"
+    probe_usb: Callable[[], Sequence[UsbSensor]]
+    probe_stream: Callable[[], StreamSample]
+    paths: SystemPaths = SystemPaths()
+    find_learned: Callable[[], Mapping[str, RememberedSensor]] = find_learned_sensors
 
     @cached_property
     def sensors(self) -> Sequence[UsbSensor]:
@@ -84,7 +98,7 @@ class CheckContext:
         Raises:
             UserFacingError: If they cannot be listed.
         """
-        return self._probe_usb()
+        return self.probe_usb()
 
     @property
     def sensor(self) -> UsbSensor:
@@ -98,7 +112,7 @@ class CheckContext:
         Raises:
             InputError: For invalid user input.
         """
-        return self._probe_stream()
+        return self.probe_stream()
 
     @cached_property
     def kernel_devices(self) -> list[KernelUsbDevice]:
@@ -115,9 +129,10 @@ class CheckContext:
 
 
 @dataclass(frozen=True)
-class RequestedSensor:
-    """Requested sensor: one of these models, with this serial number unless it is ""."""
+class RequestedCamera:
+    """The camera to check: one of these models, with this serial number unless it is ""."""
 
+    kind: CameraKind
     models: frozenset[SensorModel]
     connect_fix: str
     serial: str = ""

@@ -1,28 +1,26 @@
 """Checks of the frames: rate, losses, skew, timing, the device's clock and gravity."""
 
 import math
-from collections.abc import Callable, Mapping
 from statistics import median
 
 import numpy as np
 
 from drivers.camera import TimingSource
 from drivers.core.geometry import is_gravity
-from vo_service.sensor_memory import RememberedSensor, find_remembered_sensors, memory_folders
 from vo_service.tools.calibration.timing import (
     CONTRADICTION_SIGMAS,
     SensorTiming,
     make_timing,
     remembered_as_timing,
 )
-from vo_service.tools.doctor.check import CheckContext
+from vo_service.tools.doctor.check import SENSORS, CameraKind, CheckContext
 from vo_service.tools.doctor.finding import Finding, failed, passed, unknown, warned
 from vo_service.tools.doctor.stream_probe import FrameSample, StreamSample
 
 REPLUG_FIX = "check its cable and power supply: unplug both, wait ten seconds, plug them in again"
 OWN_CONTROLLER_FIX = "give the sensor a USB controller of its own, no hub, and a shorter cable"
 VERBOSE_FIX = "run it with --verbose for details; check that the computer is not too busy"
-MIN_RATE_FRACTION = 0.9
+SENSOR_HZ, MIN_RATE_FRACTION = 30.0, 0.9
 MAX_LOSS_FRACTION = 0.01
 MIN_FRAMES_FOR_RATE = 10
 # At 30 frames a second, color and depth of one frame differ by at most half a period.
@@ -32,26 +30,19 @@ MAX_CLOCK_RATE_ERROR = 0.01
 CAMERA_FILE_PREFIX = "camera file "
 
 
-class FirstFramesCheck:
+def check_first_frames(context: CheckContext) -> Finding:
     """Check that frames arrive. Opens the camera and reads frames for the later checks, too."""
-
-    name = "first-frames"
-
-    def __init__(self, *needs: str) -> None:
-        self.needs = needs
-
-    def run(self, context: CheckContext) -> Finding:
-        stream = context.stream
-        if stream.first_frame_s is None or stream.size is None:
-            return _no_frame_finding(stream)
-        width, height = stream.size
-        source = stream.intrinsics_source
-        return passed(
-            f"color and depth, {width}x{height}, after {stream.first_frame_s:.1f} s"
-            + (f"; intrinsics: {source}" if source else ""),
-            after_s=round(stream.first_frame_s, 3),
-            intrinsics=source,
-        )
+    stream = context.stream
+    if stream.first_frame_s is None or stream.size is None:
+        return _no_frame_finding(stream)
+    width, height = stream.size
+    source = stream.intrinsics_source
+    return passed(
+        f"color and depth, {width}x{height}, after {stream.first_frame_s:.1f} s"
+        + (f"; intrinsics: {source}" if source else ""),
+        after_s=round(stream.first_frame_s, 3),
+        intrinsics=source,
+    )
 
 
 def _no_frame_finding(stream: StreamSample) -> Finding:
@@ -73,134 +64,92 @@ def _split_error(error: str) -> tuple[str, str]:
     return (text, advice) if has_advice else (text or advice, REPLUG_FIX)
 
 
-class PlausibleFramesCheck:
+def check_plausibility(context: CheckContext) -> Finding:
     """Check that intrinsics and depth can be those of an RGB-D camera."""
-
-    name = "plausible"
-    needs = ("first-frames",)
-
-    def run(self, context: CheckContext) -> Finding:
-        if context.stream.implausible:
-            return warned(*_split_error(context.stream.implausible))
-        return passed("intrinsics and depth are plausible")
+    if context.stream.implausible:
+        return warned(*_split_error(context.stream.implausible))
+    return passed("intrinsics and depth are plausible")
 
 
-class FrameRateCheck:
-    """Check that frames arrive to the end, at the sensor's rate."""
-
-    name = "frame-rate"
-    needs = ("first-frames",)
-
-    def __init__(self, nominal_hz: float) -> None:
-        """Set the sensor's frame rate; 0 for a source with any rate."""
-        self._nominal_hz = nominal_hz
-
-    def run(self, context: CheckContext) -> Finding:
-        stream = context.stream
-        samples = stream.samples
-        facts = {"frames": len(samples), "dropped": stream.counters.dropped}
-        if stream.error:
-            text, advice = _split_error(stream.error)
-            return failed(f"stopped after {len(samples)} frames: {text}", advice, **facts)
-        if len(samples) < MIN_FRAMES_FOR_RATE:
-            return unknown(f"{len(samples)} frames are too few to measure a rate")
-        rate_hz = (len(samples) - 1) / (samples[-1].receive_time_s - samples[0].receive_time_s)
-        text = f"{rate_hz:.1f} frames a second over {len(samples)} frames"
-        if rate_hz < MIN_RATE_FRACTION * self._nominal_hz:
-            return failed(
-                f"{text}; the sensor makes {self._nominal_hz:g}",
-                "add light or set auto_exposure = false; check that the computer is not busy "
-                "with other programs",
-                rate_hz=round(rate_hz, 2),
-                **facts,
-            )
-        return passed(text, rate_hz=round(rate_hz, 2), **facts)
-
-
-class LostPacketsCheck:
-    """Check that few packets are lost; a frame with lost packets is discarded."""
-
-    name = "lost-packets"
-    needs = ("first-frames",)
-
-    def run(self, context: CheckContext) -> Finding:
-        counters, frames = context.stream.counters, len(context.stream.samples)
-        facts = {"lost_packets": counters.lost_packets, "skipped_frames": counters.skipped}
-        skipped_fraction = counters.skipped / (counters.skipped + frames)
-        is_excessive = skipped_fraction > MAX_LOSS_FRACTION
-        if counters.lost_packets == 0 and not is_excessive:
-            return passed(f"none in {frames} frames", **facts)
-        if counters.lost_packets == 0:
-            return warned(
-                f"none, but {counters.skipped} frames were discarded", VERBOSE_FIX, **facts
-            )
-        finding = failed if is_excessive else warned
-        return finding(
-            f"{counters.lost_packets} packets lost, {counters.skipped} frames discarded "
-            f"({skipped_fraction:.1%})",
-            OWN_CONTROLLER_FIX,
+def check_frame_rate(context: CheckContext) -> Finding:
+    """Check that frames arrive to the end; those of a sensor at its rate."""
+    stream = context.stream
+    samples = stream.samples
+    facts = {"frames": len(samples), "dropped": stream.counters.dropped}
+    if stream.error:
+        text, advice = _split_error(stream.error)
+        return failed(f"stopped after {len(samples)} frames: {text}", advice, **facts)
+    if len(samples) < MIN_FRAMES_FOR_RATE:
+        return unknown(f"{len(samples)} frames are too few to measure a rate")
+    rate_hz = (len(samples) - 1) / (samples[-1].receive_time_s - samples[0].receive_time_s)
+    text = f"{rate_hz:.1f} frames a second over {len(samples)} frames"
+    if context.requested.kind in SENSORS and rate_hz < MIN_RATE_FRACTION * SENSOR_HZ:
+        return failed(
+            f"{text}; the sensor makes {SENSOR_HZ:g}",
+            "add light or set auto_exposure = false; check that the computer is not busy "
+            "with other programs",
+            rate_hz=round(rate_hz, 2),
             **facts,
         )
+    return passed(text, rate_hz=round(rate_hz, 2), **facts)
 
 
-class SkewCheck:
+def check_lost_packets(context: CheckContext) -> Finding:
+    """Check that few packets are lost; a frame with lost packets is discarded."""
+    counters, frames = context.stream.counters, len(context.stream.samples)
+    facts = {"lost_packets": counters.lost_packets, "skipped_frames": counters.skipped}
+    skipped_fraction = counters.skipped / (counters.skipped + frames)
+    is_excessive = skipped_fraction > MAX_LOSS_FRACTION
+    if counters.lost_packets == 0 and not is_excessive:
+        return passed(f"none in {frames} frames", **facts)
+    if counters.lost_packets == 0:
+        return warned(f"none, but {counters.skipped} frames were discarded", VERBOSE_FIX, **facts)
+    finding = failed if is_excessive else warned
+    return finding(
+        f"{counters.lost_packets} packets lost, {counters.skipped} frames discarded "
+        f"({skipped_fraction:.1%})",
+        OWN_CONTROLLER_FIX,
+        **facts,
+    )
+
+
+def check_skew(context: CheckContext) -> Finding:
     """Check the time between color and depth, whose shutters are not synchronized."""
-
-    name = "skew"
-    needs = ("first-frames",)
-
-    def run(self, context: CheckContext) -> Finding:
-        skews_s = [abs(sample.skew_s) for sample in context.stream.samples]
-        typical_s, largest_s = median(skews_s), max(skews_s)
-        facts = {"median_ms": round(typical_s * 1e3, 3), "largest_ms": round(largest_s * 1e3, 3)}
-        text = f"depth and color {typical_s * 1e3:.1f} ms apart, at most {largest_s * 1e3:.1f} ms"
-        if typical_s > MAX_SKEW_S:
-            return warned(
-                f"{text}; half a frame is {MAX_SKEW_S * 1e3:.0f} ms",
-                "move the camera slowly, or plug it in again: the skew changes each time",
-                **facts,
-            )
-        return passed(text, **facts)
+    skews_s = [abs(sample.skew_s) for sample in context.stream.samples]
+    typical_s, largest_s = median(skews_s), max(skews_s)
+    facts = {"median_ms": round(typical_s * 1e3, 3), "largest_ms": round(largest_s * 1e3, 3)}
+    text = f"depth and color {typical_s * 1e3:.1f} ms apart, at most {largest_s * 1e3:.1f} ms"
+    if typical_s > MAX_SKEW_S:
+        return warned(
+            f"{text}; half a frame is {MAX_SKEW_S * 1e3:.0f} ms",
+            "move the camera slowly, or plug it in again: the skew changes each time",
+            **facts,
+        )
+    return passed(text, **facts)
 
 
-def find_learned_sensors() -> Mapping[str, RememberedSensor]:
-    """Find what the services on this computer have learned, by serial number."""
-    return find_remembered_sensors(memory_folders())
-
-
-class LearnedTimingCheck:
+def check_timing(context: CheckContext) -> Finding:
     """Check what the camera file tells of the sensor's timing against what services learned."""
-
-    name = "timing"
-    needs = ("first-frames",)
-
-    def __init__(
-        self, find_learned: Callable[[], Mapping[str, RememberedSensor]] = find_learned_sensors
-    ) -> None:
-        """Set the function that finds what was learned, by serial number."""
-        self._find_learned = find_learned
-
-    def run(self, context: CheckContext) -> Finding:
-        sample = context.stream.samples[-1]
-        told, source = _told_timing(sample), TimingSource.CAMERA_FILE
-        if sample.timing_prior is not None:
-            source = sample.timing_prior.source
-        text = f"{_describe_timing(told)} ({source})"
-        remembered = self._find_learned().get(sample.serial) if sample.serial else None
-        if remembered is None:
-            return passed(f"{text}; nothing learned of this sensor yet", source=source.value)
-        learned = remembered_as_timing(remembered)
-        both = f"{text}; learned: {_describe_timing(learned)}"
-        is_contradicted = any(told[key].contradicts(value) for key, value in learned.items())
-        if source is TimingSource.CAMERA_FILE and is_contradicted:
-            file = context.stream.intrinsics_source.removeprefix(CAMERA_FILE_PREFIX)
-            return warned(
-                f"the camera file contradicts what was learned: {both}",
-                f"kinect-vo calibrate --save-learned --serial {sample.serial} --camera-file {file}"
-                "; or measure it with kinect-vo calibrate --timing",
-                source=source.value,
-            )
-        return passed(both, source=source.value)
+    sample = context.stream.samples[-1]
+    told, source = _told_timing(sample), TimingSource.CAMERA_FILE
+    if sample.timing_prior is not None:
+        source = sample.timing_prior.source
+    text = f"{_describe_timing(told)} ({source})"
+    remembered = context.find_learned().get(sample.serial) if sample.serial else None
+    if remembered is None:
+        return passed(f"{text}; nothing learned of this sensor yet", source=source.value)
+    learned = remembered_as_timing(remembered)
+    both = f"{text}; learned: {_describe_timing(learned)}"
+    is_contradicted = any(told[key].contradicts(value) for key, value in learned.items())
+    if source is TimingSource.CAMERA_FILE and is_contradicted:
+        file = context.stream.intrinsics_source.removeprefix(CAMERA_FILE_PREFIX)
+        return warned(
+            f"the camera file contradicts what was learned: {both}",
+            f"kinect-vo calibrate --save-learned --serial {sample.serial} --camera-file {file}"
+            "; or measure it with kinect-vo calibrate --timing",
+            source=source.value,
+        )
+    return passed(both, source=source.value)
 
 
 def _told_timing(sample: FrameSample) -> SensorTiming:
@@ -219,113 +168,82 @@ def _describe_timing(timing: SensorTiming) -> str:
     return f"readout {timing['readout_s']}, depth offset {timing['depth_offset_s']}"
 
 
-class LearnedFocalLengthCheck:
+def check_focal_length(context: CheckContext) -> Finding:
     """Compare the focal length of the frames with what services learned, from their poses.
 
     That brightness and depth disagree on it is information only: it happens with real sensors, and
     its cause is not known.
     """
-
-    name = "focal-length"
-    needs = ("first-frames",)
-
-    def __init__(
-        self, find_learned: Callable[[], Mapping[str, RememberedSensor]] = find_learned_sensors
-    ) -> None:
-        """Set the function that finds what was learned, by serial number."""
-        self._find_learned = find_learned
-
-    def run(self, context: CheckContext) -> Finding:
-        sample, source = context.stream.samples[-1], context.stream.intrinsics_source
-        text = f"{sample.fx:.1f} px" + (f" ({source})" if source else "")
-        sensor = self._find_learned().get(sample.serial) if sample.serial else None
-        if sensor is None or sensor.focal_length is None:
-            return passed(f"{text}; nothing learned of this sensor yet", fx=sample.fx)
-        learned = sensor.focal_length
-        learned_px, sigma_px = learned.fx * learned.scale, learned.fx * learned.prior_sigma
-        text += (
-            f"; learned: {learned_px:.1f} ± {sigma_px:.1f} px; "
-            f"by depth {learned.disagreement:+.1%} against brightness"
-        )
-        facts = {
-            "fx": sample.fx,
-            "learned_fx": round(learned_px, 2),
-            "learned_sigma": round(sigma_px, 2),
-            "disagreement": round(learned.disagreement, 4),
-        }
-        is_contradicted = abs(learned_px - sample.fx) > CONTRADICTION_SIGMAS * sigma_px
-        if not is_contradicted or not source.startswith(CAMERA_FILE_PREFIX):
-            return passed(text, **facts)
-        file = source.removeprefix(CAMERA_FILE_PREFIX)
-        return warned(
-            f"the camera file contradicts what was learned: {text}",
-            "calibrate it with a printed board (kinect-vo calibrate), or run kinect-vo calibrate "
-            f"--save-learned --serial {sample.serial} --camera-file {file}",
-            **facts,
-        )
-
-
-class ClockRateCheck:
-    """Check the rate of the device's stamps against this computer's clock."""
-
-    name = "clock"
-    needs = ("first-frames",)
-
-    def run(self, context: CheckContext) -> Finding:
-        samples = context.stream.samples
-        if len(samples) < MIN_FRAMES_FOR_RATE:
-            return unknown(f"{len(samples)} frames are too few to measure a rate")
-        arrivals_s = np.array([sample.receive_time_s for sample in samples])
-        device_s = [
-            sample.device_stamp_s for sample in samples if sample.device_stamp_s is not None
-        ]
-        owner = "the device's" if len(device_s) == len(samples) else "its"
-        stamps_s = device_s if len(device_s) == len(samples) else [s.stamp_s for s in samples]
-        rate = float(
-            np.polyfit(arrivals_s - arrivals_s[0], np.subtract(stamps_s, stamps_s[0]), 1)[0]
-        )
-        text = f"{owner} clock runs at {rate:.4f} of this computer's"
-        if abs(rate - 1.0) > MAX_CLOCK_RATE_ERROR:
-            return failed(
-                text,
-                "plug the sensor in again; if its stamps still drift, report it",
-                rate=round(rate, 6),
-            )
-        return passed(text, rate=round(rate, 6))
-
-
-class GravityCheck:
-    """Check the accelerometer, if the sensor has one."""
-
-    name = "gravity"
-    needs = ("first-frames",)
-
-    def __init__(self, is_expected: bool) -> None:
-        """Set whether the sensor has an accelerometer."""
-        self._is_expected = is_expected
-
-    def run(self, context: CheckContext) -> Finding:
-        vector = context.stream.samples[-1].gravity_m_s2
-        if vector is None and self._is_expected:
-            return warned(
-                "no reading: odom starts level with the camera instead",
-                "check the firmware above; on a 1414, plug in the power supply of the motor",
-            )
-        if vector is None:
-            return unknown("not known: this camera has no accelerometer")
-        right, down, forward = vector
-        length = math.hypot(*vector)
-        tilts = [
-            *_describe_tilt(forward, down, ("looks {}° down", "looks {}° up")),
-            *_describe_tilt(
-                right, down, ("is rolled {}° to the right", "is rolled {}° to the left")
-            ),
-        ]
-        text = f"{length:.2f} m/s²; the camera {' and '.join(tilts) or 'is level'}"
-        facts = {"gravity_m_s2": list(vector)}
-        if not is_gravity(vector):
-            return warned(text, "hold the sensor still and run doctor again", **facts)
+    sample, source = context.stream.samples[-1], context.stream.intrinsics_source
+    text = f"{sample.fx:.1f} px" + (f" ({source})" if source else "")
+    sensor = context.find_learned().get(sample.serial) if sample.serial else None
+    if sensor is None or sensor.focal_length is None:
+        return passed(f"{text}; nothing learned of this sensor yet", fx=sample.fx)
+    learned = sensor.focal_length
+    learned_px, sigma_px = learned.fx * learned.scale, learned.fx * learned.prior_sigma
+    text += (
+        f"; learned: {learned_px:.1f} ± {sigma_px:.1f} px; "
+        f"by depth {learned.disagreement:+.1%} against brightness"
+    )
+    facts = {
+        "fx": sample.fx,
+        "learned_fx": round(learned_px, 2),
+        "learned_sigma": round(sigma_px, 2),
+        "disagreement": round(learned.disagreement, 4),
+    }
+    is_contradicted = abs(learned_px - sample.fx) > CONTRADICTION_SIGMAS * sigma_px
+    if not is_contradicted or not source.startswith(CAMERA_FILE_PREFIX):
         return passed(text, **facts)
+    file = source.removeprefix(CAMERA_FILE_PREFIX)
+    return warned(
+        f"the camera file contradicts what was learned: {text}",
+        "calibrate it with a printed board (kinect-vo calibrate), or run kinect-vo calibrate "
+        f"--save-learned --serial {sample.serial} --camera-file {file}",
+        **facts,
+    )
+
+
+def check_clock_rate(context: CheckContext) -> Finding:
+    """Check the rate of the device's stamps against this computer's clock."""
+    samples = context.stream.samples
+    if len(samples) < MIN_FRAMES_FOR_RATE:
+        return unknown(f"{len(samples)} frames are too few to measure a rate")
+    arrivals_s = np.array([sample.receive_time_s for sample in samples])
+    device_s = [sample.device_stamp_s for sample in samples if sample.device_stamp_s is not None]
+    owner = "the device's" if len(device_s) == len(samples) else "its"
+    stamps_s = device_s if len(device_s) == len(samples) else [s.stamp_s for s in samples]
+    rate = float(np.polyfit(arrivals_s - arrivals_s[0], np.subtract(stamps_s, stamps_s[0]), 1)[0])
+    text = f"{owner} clock runs at {rate:.4f} of this computer's"
+    if abs(rate - 1.0) > MAX_CLOCK_RATE_ERROR:
+        return failed(
+            text,
+            "plug the sensor in again; if its stamps still drift, report it",
+            rate=round(rate, 6),
+        )
+    return passed(text, rate=round(rate, 6))
+
+
+def check_gravity(context: CheckContext) -> Finding:
+    """Check the accelerometer, which a Kinect has."""
+    vector = context.stream.samples[-1].gravity_m_s2
+    if vector is None and context.requested.kind is CameraKind.KINECT:
+        return warned(
+            "no reading: odom starts level with the camera instead",
+            "check the firmware above; on a 1414, plug in the power supply of the motor",
+        )
+    if vector is None:
+        return unknown("not known: this camera has no accelerometer")
+    right, down, forward = vector
+    length = math.hypot(*vector)
+    tilts = [
+        *_describe_tilt(forward, down, ("looks {}° down", "looks {}° up")),
+        *_describe_tilt(right, down, ("is rolled {}° to the right", "is rolled {}° to the left")),
+    ]
+    text = f"{length:.2f} m/s²; the camera {' and '.join(tilts) or 'is level'}"
+    facts = {"gravity_m_s2": list(vector)}
+    if not is_gravity(vector):
+        return warned(text, "hold the sensor still and run doctor again", **facts)
+    return passed(text, **facts)
 
 
 def _describe_tilt(sideways: float, down: float, templates: tuple[str, str]) -> list[str]:

@@ -22,30 +22,25 @@ DRIVER_MODULE = "drivers.subprocess_camera.worker:run_camera"
 REPLUG = "then unplug the sensor and plug it in again"
 
 
-class SensorPresenceCheck:
+def check_presence(context: CheckContext) -> Finding:
     """Check that the requested sensor is connected; name other sensors if it is not."""
-
-    name = "sensor"
-    needs = ("libraries",)
-
-    def run(self, context: CheckContext) -> Finding:
-        try:
-            sensors = context.sensors
-        except UserFacingError as error:
-            return failed(
-                f"the USB cannot be listed: {error}", "unplug the sensor and plug it in again"
-            )
-        matching = [sensor for sensor in sensors if context.requested.matches(sensor)]
-        others = [sensor for sensor in sensors if not context.requested.matches(sensor)]
-        facts = {"sensors": [f"{sensor.model} {sensor.where}" for sensor in sensors]}
-        if not matching:
-            return _missing_sensor_finding(context, others, facts)
-        return passed(
-            _describe_sensor(matching[0]),
-            model=matching[0].model,
-            serial=matching[0].serial,
-            **facts,
+    try:
+        sensors = context.sensors
+    except UserFacingError as error:
+        return failed(
+            f"the USB cannot be listed: {error}", "unplug the sensor and plug it in again"
         )
+    matching = [sensor for sensor in sensors if context.requested.matches(sensor)]
+    others = [sensor for sensor in sensors if not context.requested.matches(sensor)]
+    facts = {"sensors": [f"{sensor.model} {sensor.where}" for sensor in sensors]}
+    if not matching:
+        return _missing_sensor_finding(context, others, facts)
+    return passed(
+        _describe_sensor(matching[0]),
+        model=matching[0].model,
+        serial=matching[0].serial,
+        **facts,
+    )
 
 
 def _describe_sensor(sensor: UsbSensor) -> str:
@@ -81,24 +76,19 @@ def _missing_sensor_finding(
     return failed("no sensor on the USB", context.requested.connect_fix, **facts)
 
 
-class UsbSpeedCheck:
+def check_usb_speed(context: CheckContext) -> Finding:
     """Check that the USB link is fast enough for the sensor's 35 MB/s."""
-
-    name = "usb-speed"
-    needs = ("sensor",)
-
-    def run(self, context: CheckContext) -> Finding:
-        speed_mbit_s = context.sensor.speed_mbit_s or _kernel_speed_mbit_s(context)
-        if speed_mbit_s is None:
-            return unknown("not known: this system does not report it")
-        text = f"{speed_mbit_s:g} Mbit/s"
-        if speed_mbit_s < MIN_SPEED_MBIT_S:
-            return failed(
-                f"{text}; the sensor needs {MIN_SPEED_MBIT_S:g}",
-                "use another port and cable, without an old hub",
-                speed_mbit_s=speed_mbit_s,
-            )
-        return passed(text, speed_mbit_s=speed_mbit_s)
+    speed_mbit_s = context.sensor.speed_mbit_s or _kernel_speed_mbit_s(context)
+    if speed_mbit_s is None:
+        return unknown("not known: this system does not report it")
+    text = f"{speed_mbit_s:g} Mbit/s"
+    if speed_mbit_s < MIN_SPEED_MBIT_S:
+        return failed(
+            f"{text}; the sensor needs {MIN_SPEED_MBIT_S:g}",
+            "use another port and cable, without an old hub",
+            speed_mbit_s=speed_mbit_s,
+        )
+    return passed(text, speed_mbit_s=speed_mbit_s)
 
 
 def _kernel_speed_mbit_s(context: CheckContext) -> float | None:
@@ -109,28 +99,23 @@ def _kernel_speed_mbit_s(context: CheckContext) -> float | None:
         return None
 
 
-class ControllerCheck:
+def check_controller(context: CheckContext) -> Finding:
     """Warn if another device needs the controller's bandwidth; a Kinect reserves over half."""
-
-    name = "controller"
-    needs = ("sensor",)
-
-    def run(self, context: CheckContext) -> Finding:
-        own = context.kernel_device(context.sensor.camera)
-        if own is None or not own.controller:
-            return unknown("not known: this system does not report it")
-        sharing = _devices_sharing_controller(context, own)
-        facts = {"controller": own.controller, "sharing": [device.name for device in sharing]}
-        competing = [device for device in sharing if _needs_bandwidth(context, device)]
-        if competing:
-            names = ", ".join(device.name for device in competing)
-            return warned(
-                f"{own.controller} also serves {names}, which may need its bandwidth too",
-                OWN_CONTROLLER_FIX,
-                **facts,
-            )
-        served = ", ".join(device.name for device in sharing) or "the sensor alone"
-        return passed(f"{own.controller} serves {served}", **facts)
+    own = context.kernel_device(context.sensor.camera)
+    if own is None or not own.controller:
+        return unknown("not known: this system does not report it")
+    sharing = _devices_sharing_controller(context, own)
+    facts = {"controller": own.controller, "sharing": [device.name for device in sharing]}
+    competing = [device for device in sharing if _needs_bandwidth(context, device)]
+    if competing:
+        names = ", ".join(device.name for device in competing)
+        return warned(
+            f"{own.controller} also serves {names}, which may need its bandwidth too",
+            OWN_CONTROLLER_FIX,
+            **facts,
+        )
+    served = ", ".join(device.name for device in sharing) or "the sensor alone"
+    return passed(f"{own.controller} serves {served}", **facts)
 
 
 def _devices_sharing_controller(
@@ -161,28 +146,23 @@ def _needs_bandwidth(context: CheckContext, device: KernelUsbDevice) -> bool:
     )
 
 
-class PermissionCheck:
+def check_permission(context: CheckContext) -> Finding:
     """Check that this user may open the sensor: root always may, others by udev rules."""
-
-    name = "permission"
-    needs = ("sensor",)
-
-    def run(self, context: CheckContext) -> Finding:
-        has_rule = (context.paths.root / RULES_FILE).is_file()
-        rule = "are installed" if has_rule else "are not installed"
-        facts = {"udev_rules_installed": has_rule}
-        if context.sensor.open_error is not OpenError.PERMISSION:
-            who = "root" if os.geteuid() == 0 else "this user"
-            return passed(f"{who} may open the sensor; the udev rules of kinect-vo {rule}", **facts)
-        text = f"this user may not open the sensor; the udev rules of kinect-vo {rule}"
-        if not has_rule:
-            return failed(text, f"{format_sudo_command('udev', 'install')}, {REPLUG}", **facts)
-        return failed(
-            text,
-            f"unplug the sensor and plug it in again; over ssh, also run "
-            f"sudo usermod -aG {GROUP} {_user()} and log in again",
-            **facts,
-        )
+    has_rule = (context.paths.root / RULES_FILE).is_file()
+    rule = "are installed" if has_rule else "are not installed"
+    facts = {"udev_rules_installed": has_rule}
+    if context.sensor.open_error is not OpenError.PERMISSION:
+        who = "root" if os.geteuid() == 0 else "this user"
+        return passed(f"{who} may open the sensor; the udev rules of kinect-vo {rule}", **facts)
+    text = f"this user may not open the sensor; the udev rules of kinect-vo {rule}"
+    if not has_rule:
+        return failed(text, f"{format_sudo_command('udev', 'install')}, {REPLUG}", **facts)
+    return failed(
+        text,
+        f"unplug the sensor and plug it in again; over ssh, also run "
+        f"sudo usermod -aG {GROUP} {_user()} and log in again",
+        **facts,
+    )
 
 
 def _user() -> str:
@@ -192,46 +172,36 @@ def _user() -> str:
         return "USER"
 
 
-class KernelDriverCheck:
+def check_kernel_driver(context: CheckContext) -> Finding:
     """Warn if the kernel's webcam driver has the camera; libfreenect detaches it unless in use."""
-
-    name = "kernel-driver"
-    needs = ("permission",)
-
-    def run(self, context: CheckContext) -> Finding:
-        device = context.kernel_device(context.sensor.camera)
-        drivers = [driver for driver in device.drivers if driver != "usbfs"] if device else []
-        if not drivers and not context.sensor.has_kernel_driver:
-            return passed("no kernel driver has the camera", drivers=drivers)
-        named = ", ".join(drivers) or "a kernel driver"
-        nodes = device.video_nodes if device else []
-        return warned(
-            f"{named} has the camera{''.join(f' as /dev/{node}' for node in nodes)}",
-            f"run {format_sudo_command('udev', 'install')}, which keeps {KERNEL_DRIVER} away",
-            drivers=drivers,
-        )
+    device = context.kernel_device(context.sensor.camera)
+    drivers = [driver for driver in device.drivers if driver != "usbfs"] if device else []
+    if not drivers and not context.sensor.has_kernel_driver:
+        return passed("no kernel driver has the camera", drivers=drivers)
+    named = ", ".join(drivers) or "a kernel driver"
+    nodes = device.video_nodes if device else []
+    return warned(
+        f"{named} has the camera{''.join(f' as /dev/{node}' for node in nodes)}",
+        f"run {format_sudo_command('udev', 'install')}, which keeps {KERNEL_DRIVER} away",
+        drivers=drivers,
+    )
 
 
-class ExclusiveAccessCheck:
+def check_exclusive_access(context: CheckContext) -> Finding:
     """Check that no other program has the camera open."""
-
-    name = "sole-use"
-    needs = ("permission",)
-
-    def run(self, context: CheckContext) -> Finding:
-        sensor = context.sensor
-        holders = sorted(set(_holders(context)))
-        facts = {"processes": holders}
-        if sensor.open_error is OpenError.BUSY or holders:
-            who = ", ".join(holders) or "another program"
-            return failed(f"{who} has the camera", _release_fix(holders), **facts)
-        if sensor.open_error is OpenError.NONE:
-            return passed("no other program has the camera", **facts)
-        return failed(
-            f"the camera cannot be opened: {sensor.open_error_text}",
-            "unplug the sensor and its power supply, wait ten seconds, plug both in",
-            **facts,
-        )
+    sensor = context.sensor
+    holders = sorted(set(_holders(context)))
+    facts = {"processes": holders}
+    if sensor.open_error is OpenError.BUSY or holders:
+        who = ", ".join(holders) or "another program"
+        return failed(f"{who} has the camera", _release_fix(holders), **facts)
+    if sensor.open_error is OpenError.NONE:
+        return passed("no other program has the camera", **facts)
+    return failed(
+        f"the camera cannot be opened: {sensor.open_error_text}",
+        "unplug the sensor and its power supply, wait ten seconds, plug both in",
+        **facts,
+    )
 
 
 def _release_fix(holders: list[str]) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 from drivers.calibration import KINECT_READOUT_S, KINECT_TIMING_PRIOR
 from drivers.camera import CameraCounters
 from drivers.kinect_usb.usb_ids import SensorModel, UsbRole
-from vo_service.tools.doctor.camera_checks import requested_sensor_for
+from vo_service.tools.doctor.camera_checks import requested_camera
 from vo_service.tools.doctor.check import CheckContext, SystemPaths
 from vo_service.tools.doctor.stream_probe import FrameSample, StreamSample
 from vo_service.tools.doctor.usb_probe import UsbPart, UsbSensor
@@ -74,10 +74,10 @@ def make_context(
     """Make a computer with these sensors; its files are under `root`."""
     all_sensors = tuple(sensors)
     return CheckContext(
-        SystemPaths(root),
-        requested_sensor_for(source),
+        requested_camera(source),
         lambda: all_sensors,
         lambda: stream or make_capture(),
+        SystemPaths(root),
     )
 
 

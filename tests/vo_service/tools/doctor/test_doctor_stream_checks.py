@@ -1,6 +1,6 @@
 """The checks of the frames."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -14,37 +14,46 @@ from tests.vo_service.tools.doctor.doctor_fakes import (
     make_context,
     make_samples,
 )
-from vo_service.sensor_memory import RememberedFocalLength
-from vo_service.tools.doctor.check import Check
+from vo_service.sensor_memory import RememberedFocalLength, RememberedSensor
+from vo_service.tools.doctor.check import CheckContext
 from vo_service.tools.doctor.finding import CheckVerdict, Finding
 from vo_service.tools.doctor.stream_checks import (
-    ClockRateCheck,
-    FirstFramesCheck,
-    FrameRateCheck,
-    GravityCheck,
-    LearnedFocalLengthCheck,
-    LearnedTimingCheck,
-    LostPacketsCheck,
-    PlausibleFramesCheck,
-    SkewCheck,
+    check_clock_rate,
+    check_first_frames,
+    check_focal_length,
+    check_frame_rate,
+    check_gravity,
+    check_lost_packets,
+    check_plausibility,
+    check_skew,
+    check_timing,
 )
 from vo_service.tools.doctor.stream_probe import StreamSample
 
 CHECKS = (
-    FirstFramesCheck(),
-    PlausibleFramesCheck(),
-    FrameRateCheck(30.0),
-    LostPacketsCheck(),
-    SkewCheck(),
-    ClockRateCheck(),
-    GravityCheck(True),
-    LearnedTimingCheck(dict),
+    check_first_frames,
+    check_plausibility,
+    check_frame_rate,
+    check_lost_packets,
+    check_skew,
+    check_clock_rate,
+    check_gravity,
+    check_timing,
 )
 
 
-def run_check(check: Check, stream: StreamSample) -> Finding:
+CheckFunction = Callable[[CheckContext], Finding]
+
+
+def run_check(
+    check: CheckFunction,
+    stream: StreamSample,
+    learned: Mapping[str, RememberedSensor] | None = None,
+    source: str = "freenect",
+) -> Finding:
     """Run one check on a stream."""
-    return check.run(make_context(stream=stream))
+    context = make_context(stream=stream, source=source)
+    return check(replace(context, find_learned=lambda: learned or {}))
 
 
 def with_frames(**changes: Callable[[int], Any]) -> StreamSample:
@@ -52,41 +61,41 @@ def with_frames(**changes: Callable[[int], Any]) -> StreamSample:
     return make_capture(make_samples(60, **changes))
 
 
-@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.name)
-def test_a_good_camera_passes(check: Check) -> None:
+@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
+def test_a_good_camera_passes(check: CheckFunction) -> None:
     assert run_check(check, make_capture()).verdict is CheckVerdict.PASS
 
 
 def test_without_a_frame_the_error_and_its_advice_are_reported() -> None:
     finding = run_check(
-        FirstFramesCheck(), make_capture([], error="no depth came; use another USB port")
+        check_first_frames, make_capture([], error="no depth came; use another USB port")
     )
     assert finding.verdict is CheckVerdict.FAIL
     assert (finding.text, finding.fix) == ("no depth came", "use another USB port")
 
 
 def test_an_error_without_advice_gets_a_general_one() -> None:
-    finding = run_check(FirstFramesCheck(), make_capture([], error="no frame within 30 s"))
+    finding = run_check(check_first_frames, make_capture([], error="no frame within 30 s"))
     assert finding.text == "no frame within 30 s"
     assert finding.fix.startswith("check its cable and power supply")
 
 
 def test_a_stream_that_stops_is_reported_with_its_frames() -> None:
-    finding = run_check(FrameRateCheck(30.0), make_capture(error="unplugged; plug it in again"))
+    finding = run_check(check_frame_rate, make_capture(error="unplugged; plug it in again"))
     assert finding.verdict is CheckVerdict.FAIL
     assert finding.text == "stopped after 60 frames: unplugged"
     assert finding.fix == "plug it in again"
 
 
 def test_too_few_frames_a_second_fail() -> None:
-    finding = run_check(FrameRateCheck(30.0), with_frames(receive_time_s=lambda k: k / 20))
+    finding = run_check(check_frame_rate, with_frames(receive_time_s=lambda k: k / 20))
     assert finding.verdict is CheckVerdict.FAIL
     assert finding.text == "20.0 frames a second over 60 frames; the sensor makes 30"
 
 
 def test_a_recording_may_have_any_rate() -> None:
     slow = with_frames(receive_time_s=lambda k: k / 3)
-    assert run_check(FrameRateCheck(0.0), slow).verdict is CheckVerdict.PASS
+    assert run_check(check_frame_rate, slow, source="tum:desk").verdict is CheckVerdict.PASS
 
 
 @pytest.mark.parametrize(
@@ -94,7 +103,7 @@ def test_a_recording_may_have_any_rate() -> None:
     [(0, CheckVerdict.WARNING), (1, CheckVerdict.FAIL), (20, CheckVerdict.FAIL)],
 )
 def test_lost_packets_count_by_the_discarded_frames(skipped: int, verdict: CheckVerdict) -> None:
-    finding = run_check(LostPacketsCheck(), make_capture(skipped=skipped, lost_packets=40))
+    finding = run_check(check_lost_packets, make_capture(skipped=skipped, lost_packets=40))
     assert finding.verdict is verdict
     assert finding.facts == {"lost_packets": 40, "skipped_frames": skipped}
 
@@ -102,17 +111,17 @@ def test_lost_packets_count_by_the_discarded_frames(skipped: int, verdict: Check
 @pytest.mark.parametrize(("skipped", "verdict"), [(0, "pass"), (1, "pass"), (30, "warning")])
 def test_frames_without_a_partner_are_no_lost_packets(skipped: int, verdict: str) -> None:
     stream = make_capture(make_samples(120), skipped=skipped)
-    assert run_check(LostPacketsCheck(), stream).verdict == verdict
+    assert run_check(check_lost_packets, stream).verdict == verdict
 
 
 def test_implausible_depth_is_a_warning_with_the_plausible_value() -> None:
     text = "desk: depth_factor = 5000 gives a median depth of 0.4 m; 1000 would give 2 m"
-    finding = run_check(PlausibleFramesCheck(), replace(make_capture(), implausible=text))
+    finding = run_check(check_plausibility, replace(make_capture(), implausible=text))
     assert (finding.verdict, finding.fix) == (CheckVerdict.WARNING, "1000 would give 2 m")
 
 
 def test_a_skew_beyond_half_a_frame_is_a_warning() -> None:
-    finding = run_check(SkewCheck(), with_frames(skew_s=lambda k: -0.021))
+    finding = run_check(check_skew, with_frames(skew_s=lambda k: -0.021))
     assert finding.verdict is CheckVerdict.WARNING
     assert "21.0 ms apart" in finding.text
 
@@ -130,7 +139,7 @@ def test_a_camera_file_that_contradicts_what_was_learned_is_a_warning(
 ) -> None:
     told = TimingPrior(offset_s, 0.001, 0.0005, source)
     stream = with_frames(timing_prior=lambda k: told)
-    finding = run_check(LearnedTimingCheck(lambda: {SERIAL: LEARNED}), stream)
+    finding = run_check(check_timing, stream, {SERIAL: LEARNED})
     assert finding.verdict is verdict
     assert f"depth offset {1e3 * offset_s:.1f} ± 0.5 ms ({source})" in finding.text
     assert "learned: readout 30.5 ± 1.2 ms, depth offset -2.7 ± 0.6 ms" in finding.text
@@ -140,7 +149,7 @@ def test_a_camera_file_that_contradicts_what_was_learned_is_a_warning(
 
 def test_another_sensor_has_nothing_learned() -> None:
     stream = with_frames(serial=lambda k: "B2")
-    finding = run_check(LearnedTimingCheck(lambda: {SERIAL: LEARNED}), stream)
+    finding = run_check(check_timing, stream, {SERIAL: LEARNED})
     assert finding.text.endswith("(usual for the sensor); nothing learned of this sensor yet")
 
 
@@ -156,8 +165,9 @@ def test_a_camera_file_that_contradicts_the_learned_focal_length_is_a_warning(
     source: str, scale: float, verdict: CheckVerdict
 ) -> None:
     learned = RememberedFocalLength(525.0, scale, 0.006, -0.08)
-    check = LearnedFocalLengthCheck(lambda: {SERIAL: replace(LEARNED, focal_length=learned)})
-    finding = run_check(check, replace(make_capture(), intrinsics_source=source))
+    stream = replace(make_capture(), intrinsics_source=source)
+    sensor = replace(LEARNED, focal_length=learned)
+    finding = run_check(check_focal_length, stream, {SERIAL: sensor})
     assert finding.verdict is verdict
     assert f"learned: {525 * scale:.1f} ± 5.2 px; by depth -8.0% against" in finding.text
     if verdict is CheckVerdict.WARNING:
@@ -165,7 +175,7 @@ def test_a_camera_file_that_contradicts_the_learned_focal_length_is_a_warning(
 
 
 def test_a_focal_length_is_not_learned_until_it_is_certain() -> None:
-    finding = run_check(LearnedFocalLengthCheck(lambda: {SERIAL: LEARNED}), make_capture())
+    finding = run_check(check_focal_length, make_capture(), {SERIAL: LEARNED})
     assert finding.text == "525.0 px (factory); nothing learned of this sensor yet"
 
 
@@ -173,21 +183,21 @@ def test_a_focal_length_is_not_learned_until_it_is_certain() -> None:
     ("rate", "verdict"), [(1.001, CheckVerdict.PASS), (1.03, CheckVerdict.FAIL)]
 )
 def test_the_devices_clock_is_compared_with_ours(rate: float, verdict: CheckVerdict) -> None:
-    finding = run_check(ClockRateCheck(), with_frames(device_stamp_s=lambda k: rate * k * PERIOD_S))
+    finding = run_check(check_clock_rate, with_frames(device_stamp_s=lambda k: rate * k * PERIOD_S))
     assert finding.verdict is verdict
     assert finding.facts["rate"] == pytest.approx(rate, abs=1e-6)
 
 
 def test_without_a_device_clock_the_stamps_are_compared_with_ours() -> None:
     stream = with_frames(device_stamp_s=lambda k: None, stamp_s=lambda k: 0.5 * k * PERIOD_S)
-    finding = run_check(ClockRateCheck(), stream)
+    finding = run_check(check_clock_rate, stream)
     assert (finding.verdict, finding.facts["rate"]) == (CheckVerdict.FAIL, pytest.approx(0.5))
 
 
 @pytest.mark.parametrize(
-    "check", [FrameRateCheck(30.0), ClockRateCheck()], ids=lambda check: check.name
+    "check", [check_frame_rate, check_clock_rate], ids=lambda check: check.__name__
 )
-def test_few_frames_give_no_rate(check: Check) -> None:
+def test_few_frames_give_no_rate(check: CheckFunction) -> None:
     assert run_check(check, make_capture(make_samples(3))).verdict is CheckVerdict.UNKNOWN
 
 
@@ -204,42 +214,42 @@ def test_few_frames_give_no_rate(check: Check) -> None:
 def test_gravity_gives_the_cameras_tilt(
     gravity_m_s2: tuple[float, float, float], text: str
 ) -> None:
-    finding = run_check(GravityCheck(True), with_frames(gravity_m_s2=lambda k: gravity_m_s2))
+    finding = run_check(check_gravity, with_frames(gravity_m_s2=lambda k: gravity_m_s2))
     assert finding.verdict is CheckVerdict.PASS
     assert text in finding.text
 
 
 def test_a_push_is_not_gravity() -> None:
-    finding = run_check(GravityCheck(True), with_frames(gravity_m_s2=lambda k: (0.0, 14.0, 0.0)))
+    finding = run_check(check_gravity, with_frames(gravity_m_s2=lambda k: (0.0, 14.0, 0.0)))
     assert finding.verdict is CheckVerdict.WARNING
 
 
 def test_no_gravity_matters_only_where_there_is_an_accelerometer() -> None:
     stream = with_frames(gravity_m_s2=lambda k: None)
-    assert run_check(GravityCheck(True), stream).verdict is CheckVerdict.WARNING
-    assert run_check(GravityCheck(False), stream).verdict is CheckVerdict.UNKNOWN
+    assert run_check(check_gravity, stream).verdict is CheckVerdict.WARNING
+    assert run_check(check_gravity, stream, source="openni2").verdict is CheckVerdict.UNKNOWN
 
 
 def test_the_source_of_the_intrinsics_is_reported() -> None:
-    finding = run_check(FirstFramesCheck(), make_capture())
+    finding = run_check(check_first_frames, make_capture())
     assert finding.text == "color and depth, 640x480, after 1.2 s; intrinsics: factory"
 
 
 def test_an_empty_recording_fails() -> None:
-    finding = run_check(FirstFramesCheck(), StreamSample(counters=CameraCounters()))
+    finding = run_check(check_first_frames, StreamSample(counters=CameraCounters()))
     assert (finding.verdict, finding.text) == (CheckVerdict.FAIL, "the recording has no frame")
 
 
 def test_lost_packets_in_all_frames_are_reported() -> None:
     stream = make_capture([], error="it sends nothing", skipped=58, lost_packets=290)
-    finding = run_check(FirstFramesCheck(), stream)
+    finding = run_check(check_first_frames, stream)
     assert finding.text == "all 58 frames were discarded, because packets were lost (290)"
     assert "USB controller of its own" in finding.fix
 
 
 def test_what_the_driver_does_by_itself_is_not_advice() -> None:
     finding = run_check(
-        FrameRateCheck(30.0), make_capture(error="no depth for 1 s; it is opened again")
+        check_frame_rate, make_capture(error="no depth for 1 s; it is opened again")
     )
     assert finding.text.endswith("no depth for 1 s")
     assert finding.fix.startswith("check its cable")

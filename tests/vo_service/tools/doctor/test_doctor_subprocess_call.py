@@ -8,7 +8,7 @@ from functools import partial
 import pytest
 
 from drivers.core import UserFacingError
-from vo_service.tools.doctor.camera_checks import load_libraries
+from vo_service.tools.doctor.library_checks import load_libraries
 from vo_service.tools.doctor.stream_probe import call_in_subprocess
 
 pytestmark = pytest.mark.subprocess

@@ -1,6 +1,7 @@
 """Checks of the sensor on the USB."""
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -14,16 +15,17 @@ from tests.vo_service.tools.doctor.doctor_fakes import (
     make_usb_device,
     make_usb_interface,
 )
-from vo_service.tools.doctor.camera_checks import FirmwareCheck, requested_sensor_for
-from vo_service.tools.doctor.check import CheckContext, SystemPaths
-from vo_service.tools.doctor.finding import CheckVerdict
+from vo_service.tools.doctor.camera_checks import requested_camera
+from vo_service.tools.doctor.check import CheckContext
+from vo_service.tools.doctor.finding import CheckVerdict, Finding
+from vo_service.tools.doctor.library_checks import check_firmware
 from vo_service.tools.doctor.usb_checks import (
-    ControllerCheck,
-    ExclusiveAccessCheck,
-    KernelDriverCheck,
-    PermissionCheck,
-    SensorPresenceCheck,
-    UsbSpeedCheck,
+    check_controller,
+    check_exclusive_access,
+    check_kernel_driver,
+    check_permission,
+    check_presence,
+    check_usb_speed,
 )
 from vo_service.tools.doctor.usb_probe import OpenError, UsbPart, UsbSensor
 from vo_service.tools.install.udev import install
@@ -35,41 +37,39 @@ WITHOUT_FIRMWARE = make_sensor(SensorModel.K1473, audio_interfaces=1)
 
 
 def test_the_sensor_is_named_with_its_model_place_and_serial() -> None:
-    finding = SensorPresenceCheck().run(make_context([make_sensor(serial="A00364")]))
+    finding = check_presence(make_context([make_sensor(serial="A00364")]))
     assert finding.verdict is CheckVerdict.PASS
     assert finding.text == "Kinect 1414, bus 1 port 2.1, serial A00364"
 
 
 def test_nothing_on_the_bus_says_to_plug_it_in() -> None:
-    finding = SensorPresenceCheck().run(make_context())
+    finding = check_presence(make_context())
     assert (finding.verdict, finding.text) == (CheckVerdict.FAIL, "no sensor on the USB")
     assert "plug it in" in finding.fix
 
 
 @pytest.mark.parametrize("model", [SensorModel.KINECT_V2, SensorModel.AZURE])
 def test_a_later_kinect_is_named_as_unsupported(model: SensorModel) -> None:
-    finding = SensorPresenceCheck().run(make_context([make_sensor(model, is_supported=False)]))
+    finding = check_presence(make_context([make_sensor(model, is_supported=False)]))
     assert finding.verdict is CheckVerdict.FAIL
     assert finding.text.startswith(f"{model}, bus 1 port 2.1: unsupported model")
 
 
 def test_another_kind_of_sensor_is_named() -> None:
-    finding = SensorPresenceCheck().run(make_context([make_sensor(SensorModel.CARMINE)]))
+    finding = check_presence(make_context([make_sensor(SensorModel.CARMINE)]))
     assert finding.verdict is CheckVerdict.FAIL
     assert "PrimeSense Carmine 1.09, bus 1 port 2.1 is another kind" in finding.text
 
 
 def test_another_serial_is_named() -> None:
-    finding = SensorPresenceCheck().run(
-        make_context([make_sensor(serial="B2")], source="freenect:A1")
-    )
+    finding = check_presence(make_context([make_sensor(serial="B2")], source="freenect:A1"))
     assert finding.verdict is CheckVerdict.FAIL
     assert "A1; connected: Kinect 1414, bus 1 port 2.1, serial B2" in finding.text
 
 
 def test_a_serial_that_cannot_be_read_may_be_the_one() -> None:
     assert (
-        SensorPresenceCheck().run(make_context([make_sensor()], source="freenect:A1")).verdict
+        check_presence(make_context([make_sensor()], source="freenect:A1")).verdict
         is CheckVerdict.PASS
     )
 
@@ -78,34 +78,32 @@ def test_a_usb_that_cannot_be_listed_is_reported() -> None:
     def raise_error() -> tuple[UsbSensor, ...]:
         raise UserFacingError("no answer within 15 s")
 
-    context = CheckContext(
-        SystemPaths(), requested_sensor_for("freenect"), raise_error, make_capture
-    )
-    assert "no answer within 15 s" in SensorPresenceCheck().run(context).text
+    context = CheckContext(requested_camera("freenect"), raise_error, make_capture)
+    assert "no answer within 15 s" in check_presence(context).text
 
 
 def test_full_speed_is_too_slow() -> None:
-    finding = UsbSpeedCheck().run(make_context([make_sensor(speed_mbit_s=12.0)]))
+    finding = check_usb_speed(make_context([make_sensor(speed_mbit_s=12.0)]))
     assert (finding.verdict, finding.text) == (CheckVerdict.FAIL, "12 Mbit/s; the sensor needs 480")
 
 
 def test_the_kernel_gives_the_speed_if_libusb_does_not(tmp_path: Path) -> None:
     make_usb_device(tmp_path, f"{CONTROLLER}/usb1/1-2", 1, 4, speed="480")
-    finding = UsbSpeedCheck().run(make_context([make_sensor(speed_mbit_s=None)], root=tmp_path))
+    finding = check_usb_speed(make_context([make_sensor(speed_mbit_s=None)], root=tmp_path))
     assert (finding.verdict, finding.text) == (CheckVerdict.PASS, "480 Mbit/s")
 
 
 def test_without_information_speed_and_controller_are_not_known() -> None:
     context = make_context([make_sensor(speed_mbit_s=None)])
-    assert UsbSpeedCheck().run(context).verdict is CheckVerdict.UNKNOWN
-    assert ControllerCheck().run(context).verdict is CheckVerdict.UNKNOWN
+    assert check_usb_speed(context).verdict is CheckVerdict.UNKNOWN
+    assert check_controller(context).verdict is CheckVerdict.UNKNOWN
 
 
 def test_the_sensors_own_parts_and_hubs_are_no_neighbors(tmp_path: Path) -> None:
     make_usb_device(tmp_path, f"{CONTROLLER}/usb1", 1, 1, bDeviceClass="09")
     make_usb_device(tmp_path, f"{CONTROLLER}/usb1/1-2", 1, 4)
     make_usb_device(tmp_path, f"{CONTROLLER}/usb1/1-3", 1, 5)
-    finding = ControllerCheck().run(make_context([make_sensor()], root=tmp_path))
+    finding = check_controller(make_context([make_sensor()], root=tmp_path))
     assert (finding.verdict, finding.text) == (
         CheckVerdict.PASS,
         "0000:00:14.0 serves the sensor alone",
@@ -116,7 +114,7 @@ def test_a_webcam_at_the_same_controller_is_a_warning(tmp_path: Path) -> None:
     make_usb_device(tmp_path, f"{CONTROLLER}/usb1/1-2", 1, 4)
     webcam = make_usb_device(tmp_path, f"{CONTROLLER}/usb1/1-4", 1, 9, product="C270")
     make_usb_interface(webcam, 0, "0e")
-    finding = ControllerCheck().run(make_context([make_sensor()], root=tmp_path))
+    finding = check_controller(make_context([make_sensor()], root=tmp_path))
     assert finding.verdict is CheckVerdict.WARNING
     assert "also serves C270 0000:0000" in finding.text
 
@@ -125,7 +123,7 @@ def test_a_mouse_at_the_same_controller_passes(tmp_path: Path) -> None:
     make_usb_device(tmp_path, f"{CONTROLLER}/usb1/1-2", 1, 4)
     mouse = make_usb_device(tmp_path, f"{CONTROLLER}/usb1/1-4", 1, 9, product="Mouse")
     make_usb_interface(mouse, 0, "03")
-    finding = ControllerCheck().run(make_context([make_sensor()], root=tmp_path))
+    finding = check_controller(make_context([make_sensor()], root=tmp_path))
     assert finding.verdict is CheckVerdict.PASS
     assert "serves Mouse" in finding.text
 
@@ -134,7 +132,7 @@ def test_a_webcam_at_another_controller_does_not_matter(tmp_path: Path) -> None:
     make_usb_device(tmp_path, f"{CONTROLLER}/usb1/1-2", 1, 4)
     webcam = make_usb_device(tmp_path, "0000:00:1a.0/usb2/2-4", 2, 9, product="C270")
     make_usb_interface(webcam, 0, "0e")
-    finding = ControllerCheck().run(make_context([make_sensor()], root=tmp_path))
+    finding = check_controller(make_context([make_sensor()], root=tmp_path))
     assert finding.text == "0000:00:14.0 serves the sensor alone"
 
 
@@ -142,7 +140,7 @@ def test_a_second_sensor_at_the_same_controller_is_a_warning(tmp_path: Path) -> 
     make_usb_device(tmp_path, f"{CONTROLLER}/usb1/1-2", 1, 4)
     make_usb_device(tmp_path, f"{CONTROLLER}/usb1/1-3", 1, 7, product="Xbox NUI Camera")
     second = make_sensor(camera=UsbPart(UsbRole.CAMERA, 1, 7), others=())
-    finding = ControllerCheck().run(make_context([make_sensor(others=()), second], root=tmp_path))
+    finding = check_controller(make_context([make_sensor(others=()), second], root=tmp_path))
     assert finding.verdict is CheckVerdict.WARNING
     assert "Xbox NUI Camera" in finding.text
 
@@ -158,7 +156,7 @@ def make_process(root: Path, number: int, name: str, *open_files: str) -> None:
 
 
 def test_without_the_rules_the_fix_is_to_install_them_and_replug(tmp_path: Path) -> None:
-    finding = PermissionCheck().run(make_context([FORBIDDEN], root=tmp_path))
+    finding = check_permission(make_context([FORBIDDEN], root=tmp_path))
     assert finding.verdict is CheckVerdict.FAIL
     assert "are not installed" in finding.text
     assert finding.fix.startswith("sudo ")
@@ -167,7 +165,7 @@ def test_without_the_rules_the_fix_is_to_install_them_and_replug(tmp_path: Path)
 
 def test_with_the_rules_the_fix_is_to_replug_or_to_join_the_group(tmp_path: Path) -> None:
     install(tmp_path)
-    finding = PermissionCheck().run(make_context([FORBIDDEN], root=tmp_path))
+    finding = check_permission(make_context([FORBIDDEN], root=tmp_path))
     assert "are installed" in finding.text
     assert finding.fix.startswith("unplug the sensor and plug it in again")
     assert "usermod -aG plugdev" in finding.fix
@@ -175,8 +173,7 @@ def test_with_the_rules_the_fix_is_to_replug_or_to_join_the_group(tmp_path: Path
 
 def test_a_camera_that_may_be_opened_passes(tmp_path: Path) -> None:
     assert (
-        PermissionCheck().run(make_context([make_sensor()], root=tmp_path)).verdict
-        is CheckVerdict.PASS
+        check_permission(make_context([make_sensor()], root=tmp_path)).verdict is CheckVerdict.PASS
     )
 
 
@@ -184,7 +181,7 @@ def test_the_kernels_webcam_driver_is_named(tmp_path: Path) -> None:
     device = make_usb_device(tmp_path, "0000:00:14.0/usb1/1-2", 1, 4)
     camera = make_usb_interface(device, 0, "ff", driver="gspca_kinect")
     (camera / "video4linux/video2").mkdir(parents=True)
-    finding = KernelDriverCheck().run(
+    finding = check_kernel_driver(
         make_context([make_sensor(has_kernel_driver=True)], root=tmp_path)
     )
     assert finding.verdict is CheckVerdict.WARNING
@@ -193,7 +190,7 @@ def test_the_kernels_webcam_driver_is_named(tmp_path: Path) -> None:
 
 
 def test_a_kernel_driver_is_seen_without_the_kernels_help() -> None:
-    finding = KernelDriverCheck().run(make_context([make_sensor(has_kernel_driver=True)]))
+    finding = check_kernel_driver(make_context([make_sensor(has_kernel_driver=True)]))
     assert finding.text == "a kernel driver has the camera"
 
 
@@ -201,7 +198,7 @@ def test_a_program_that_has_claimed_the_camera_is_no_kernel_driver(tmp_path: Pat
     device = make_usb_device(tmp_path, "0000:00:14.0/usb1/1-2", 1, 4)
     make_usb_interface(device, 0, "ff", driver="usbfs")
     assert (
-        KernelDriverCheck().run(make_context([make_sensor()], root=tmp_path)).verdict
+        check_kernel_driver(make_context([make_sensor()], root=tmp_path)).verdict
         is CheckVerdict.PASS
     )
 
@@ -209,7 +206,7 @@ def test_a_program_that_has_claimed_the_camera_is_no_kernel_driver(tmp_path: Pat
 def test_the_program_that_has_the_camera_is_named(tmp_path: Path) -> None:
     make_process(tmp_path, 812, "freenect-glview", "/dev/null", CAMERA_FILE)
     make_process(tmp_path, 900, "bash", "/dev/null")
-    finding = ExclusiveAccessCheck().run(
+    finding = check_exclusive_access(
         make_context([make_sensor(open_error=OpenError.BUSY)], root=tmp_path)
     )
     assert finding.verdict is CheckVerdict.FAIL
@@ -220,14 +217,14 @@ def test_a_program_that_uses_the_webcam_device_is_named(tmp_path: Path) -> None:
     device = make_usb_device(tmp_path, "0000:00:14.0/usb1/1-2", 1, 4)
     (make_usb_interface(device, 0, "ff", "gspca_kinect") / "video4linux/video2").mkdir(parents=True)
     make_process(tmp_path, 77, "cheese", "/dev/video2")
-    finding = ExclusiveAccessCheck().run(
+    finding = check_exclusive_access(
         make_context([make_sensor(has_kernel_driver=True)], root=tmp_path)
     )
     assert finding.text == "cheese (process 77) has the camera"
 
 
 def test_a_program_that_only_root_may_see_is_another(tmp_path: Path) -> None:
-    finding = ExclusiveAccessCheck().run(
+    finding = check_exclusive_access(
         make_context([make_sensor(open_error=OpenError.BUSY)], root=tmp_path)
     )
     assert finding.verdict is CheckVerdict.FAIL
@@ -241,7 +238,7 @@ def test_our_own_driver_is_named(tmp_path: Path) -> None:
         "python -m drivers.core.process.worker_main drivers.subprocess_camera.worker:run_camera 7",
         CAMERA_FILE,
     )
-    finding = ExclusiveAccessCheck().run(
+    finding = check_exclusive_access(
         make_context([make_sensor(open_error=OpenError.BUSY)], root=tmp_path)
     )
     assert finding.text == "a running kinect-vo (process 813) has the camera"
@@ -250,14 +247,14 @@ def test_our_own_driver_is_named(tmp_path: Path) -> None:
 def test_this_very_process_does_not_count(tmp_path: Path) -> None:
     make_process(tmp_path, os.getpid(), "kinect-vo", CAMERA_FILE)
     assert (
-        ExclusiveAccessCheck().run(make_context([make_sensor()], root=tmp_path)).verdict
+        check_exclusive_access(make_context([make_sensor()], root=tmp_path)).verdict
         is CheckVerdict.PASS
     )
 
 
 def test_another_open_error_is_reported() -> None:
     sensor = make_sensor(open_error=OpenError.OTHER, open_error_text="Input/Output Error")
-    finding = ExclusiveAccessCheck().run(make_context([sensor]))
+    finding = check_exclusive_access(make_context([sensor]))
     assert (finding.verdict, finding.text) == (
         CheckVerdict.FAIL,
         "the camera cannot be opened: Input/Output Error",
@@ -265,16 +262,16 @@ def test_another_open_error_is_reported() -> None:
 
 
 def test_the_1414_needs_no_firmware() -> None:
-    assert FirmwareCheck().run(make_context([make_sensor()])).verdict is CheckVerdict.PASS
+    assert check_firmware(make_context([make_sensor()])).verdict is CheckVerdict.PASS
 
 
 def test_loaded_firmware_passes() -> None:
     loaded = make_sensor(SensorModel.K1473, audio_interfaces=2)
-    assert FirmwareCheck().run(make_context([loaded])).text == "loaded"
+    assert check_firmware(make_context([loaded])).text == "loaded"
 
 
 def test_missing_firmware_names_the_searched_folders_and_what_works(tmp_path: Path) -> None:
-    finding = FirmwareCheck((tmp_path,)).run(make_context([WITHOUT_FIRMWARE]))
+    finding = check_firmware(make_context([WITHOUT_FIRMWARE]), (tmp_path,))
     assert finding.verdict is CheckVerdict.WARNING
     assert f"no audios.bin in {tmp_path}" in finding.text
     assert finding.text.endswith("tilt, light and accelerometer do not work, images do")
@@ -282,12 +279,12 @@ def test_missing_firmware_names_the_searched_folders_and_what_works(tmp_path: Pa
 
 def test_firmware_that_exists_but_is_not_loaded_is_reported(tmp_path: Path) -> None:
     (tmp_path / "audios.bin").write_bytes(b"")
-    finding = FirmwareCheck((tmp_path,)).run(make_context([WITHOUT_FIRMWARE]))
+    finding = check_firmware(make_context([WITHOUT_FIRMWARE]), (tmp_path,))
     assert finding.text.startswith(f"not loaded, although {tmp_path / 'audios.bin'} exists")
 
 
-@pytest.mark.parametrize("check", [PermissionCheck(), KernelDriverCheck(), ExclusiveAccessCheck()])
+@pytest.mark.parametrize("check", [check_permission, check_kernel_driver, check_exclusive_access])
 def test_a_computer_without_kernel_files_passes(
-    check: PermissionCheck | KernelDriverCheck | ExclusiveAccessCheck,
+    check: Callable[[CheckContext], Finding],
 ) -> None:
-    assert check.run(make_context([make_sensor()])).verdict is CheckVerdict.PASS
+    assert check(make_context([make_sensor()])).verdict is CheckVerdict.PASS

@@ -41,7 +41,6 @@ from drivers.synthetic.renderer import CLEARANCE_CHECKS_PER_S
 from drivers.synthetic.room import ROOM_HEIGHT_M, build_room
 from drivers.synthetic.solids import Solid, SolidKind
 from vo_service.config import read_config
-from vo_service.reconstruction.reconstructor import FramePoses
 from vo_service.reconstruction.tsdf_volume import TsdfVolume
 from vo_service.reconstruction.voxel_block_grid import TsdfConfig
 from vo_service.tools.evaluation.evaluation import evaluate
@@ -171,7 +170,7 @@ def measure_poses(args: argparse.Namespace) -> None:
     for voxel_m in args.voxels:
         for name, known in (("truth", truth), ("surf", in_room)):
             volume = TsdfVolume(TsdfConfig(voxel_m=voxel_m, memory_mb=MEMORY_MB))
-            add_ms = _integrate(volume, frames, FramePoses(known))
+            add_ms = _integrate(volume, frames, known)
             mesh, mesh_ms = measure_cpu_ms(volume.extract_mesh)
             surface = SurfaceError.from_vertices(mesh.vertices_m.astype(np.float64), solids)
             ate_mm = 1e3 * evaluate(known, truth).ate_rmse_m
@@ -182,11 +181,11 @@ def measure_poses(args: argparse.Namespace) -> None:
             )
 
 
-def _integrate(volume: TsdfVolume, frames: Sequence[RgbdFrame], poses: FramePoses) -> list[float]:
+def _integrate(volume: TsdfVolume, frames: Sequence[RgbdFrame], poses: Trajectory) -> list[float]:
     """Fuse the frames that have a pose; return the milliseconds of each."""
     add_ms = []
     for frame in frames:
-        T = poses.find(frame.stamp_s)
+        T = poses.pose_near(frame.stamp_s)
         if T is not None:
             add = partial(volume.integrate, frame.depth_m, frame.color_bgr, frame.camera, T)
             add_ms.append(measure_cpu_ms(add)[1])

@@ -28,6 +28,10 @@ CAMERA_FILE_NAME = "camera.toml"
 # Also the unit for which `cv2.registerDepth` takes uint16 depth, whatever its unit is.
 MILLIMETERS_PER_METER = 1000.0
 Distortion = tuple[float, float, float, float, float]
+_Fx = Annotated[float, Field("horizontal focal length in pixels", minimum=1.0, maximum=1e6)]
+_Fy = Annotated[float, Field("vertical focal length in pixels", minimum=1.0, maximum=1e6)]
+_Cx = Annotated[float, Field("column of the principal point in pixels", minimum=-1e5, maximum=1e5)]
+_Cy = Annotated[float, Field("row of the principal point in pixels", minimum=-1e5, maximum=1e5)]
 NO_DISTORTION: Distortion = (0.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -59,12 +63,10 @@ class DepthCameraCalibration:
         scale: True distance per distance read.
     """
 
-    fx: Annotated[float, Field("horizontal focal length in pixels", minimum=1.0, maximum=1e6)]
-    fy: Annotated[float, Field("vertical focal length in pixels", minimum=1.0, maximum=1e6)]
-    cx: Annotated[
-        float, Field("column of the principal point in pixels", minimum=-1e5, maximum=1e5)
-    ]
-    cy: Annotated[float, Field("row of the principal point in pixels", minimum=-1e5, maximum=1e5)]
+    fx: _Fx
+    fy: _Fy
+    cx: _Cx
+    cy: _Cy
     T_color_depth: Annotated[RigidTransform, "translation_m and quaternion_xyzw"]
     distortion: Annotated[Distortion, Field("k1, k2, p1, p2, k3", minimum=-1e3, maximum=1e3)] = (
         NO_DISTORTION
@@ -104,12 +106,10 @@ class CameraCalibration:
 
     width: Annotated[int, Field("image width in pixels", minimum=1, maximum=16384)]
     height: Annotated[int, Field("image height in pixels", minimum=1, maximum=16384)]
-    fx: Annotated[float, Field("horizontal focal length in pixels", minimum=1.0, maximum=1e6)]
-    fy: Annotated[float, Field("vertical focal length in pixels", minimum=1.0, maximum=1e6)]
-    cx: Annotated[
-        float, Field("column of the principal point in pixels", minimum=-1e5, maximum=1e5)
-    ]
-    cy: Annotated[float, Field("row of the principal point in pixels", minimum=-1e5, maximum=1e5)]
+    fx: _Fx
+    fy: _Fy
+    cx: _Cx
+    cy: _Cy
     distortion: Annotated[
         Distortion, Field("k1, k2, p1, p2, k3; zeros for none", minimum=-1e3, maximum=1e3)
     ]

@@ -53,7 +53,6 @@ The camera file is written to --output, else to camera.file of the configuration
 """
 DEFAULT_OUTPUT = Path("camera.toml")
 _log = logging.getLogger(__name__)
-REQUEST = CalibrationRequest
 
 
 def run(request: CalibrationRequest) -> int:

@@ -48,22 +48,20 @@ class CalibrationRequest(CommandRequest):
         "millimeters); with --timing of a camera too",
         metavar="FILE",
     )
-    board: str = option(f"{USAGE}; default: chessboard:9x6", "chessboard:9x6", metavar="BOARD")
+    board: str = option(f"{USAGE}; default: chessboard:9x6", "chessboard:9x6", "BOARD")
     square: float | None = option(
-        "side of a printed square, in meters, measured", metavar="M", parse=parse_length_m
+        "side of a printed square, in meters, measured", None, "M", parse_length_m
     )
     marker: float | None = option(
-        "ChArUco: side of a marker, in meters (default: 0.7 of a square)",
-        metavar="M",
-        parse=parse_length_m,
+        "ChArUco: side of a marker, in meters (default: 0.7 of a square)", None, "M", parse_length_m
     )
     dictionary: str = option(
-        "ChArUco: OpenCV's name of the markers (default: 4X4_100)", "4X4_100", metavar="NAME"
+        "ChArUco: OpenCV's name of the markers (default: 4X4_100)", "4X4_100", "NAME"
     )
     print_board: Path | None = option(
         "write the board, to print at 100 %% (.pdf, .svg or .png), and exit", metavar="FILE"
     )
-    views: int = option("views to take from a camera (default: 25)", 25, metavar="N", parse=int)
+    views: int = option("views to take from a camera (default: 25)", 25, "N", int)
     keep: Path | None = option(
         "keep the views taken from a camera, to calibrate again from them", metavar="FOLDER"
     )

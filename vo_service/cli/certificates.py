@@ -49,7 +49,7 @@ class CertificatesRequest(CommandRequest):
         "name or address by which others reach the computer that listens; several are one "
         "certificate",
         (),
-        metavar="HOST",
+        "HOST",
         is_repeated=True,
     )
     robot: Annotated[
@@ -59,14 +59,8 @@ class CertificatesRequest(CommandRequest):
     viewer: Annotated[tuple[str, ...], _clients("a program that also sees the images")] = ()
     operator: Annotated[tuple[str, ...], _clients("a program that also sends commands")] = ()
     days: int = option(
-        "validity of the certificates, in days (default: %(default)s)",
-        365,
-        metavar="N",
-        parse=_parse_days,
+        "validity of the certificates, in days (default: %(default)s)", 365, "N", _parse_days
     )
-
-
-REQUEST = CertificatesRequest
 
 
 def run(request: CertificatesRequest) -> int:

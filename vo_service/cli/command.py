@@ -72,14 +72,8 @@ class SendCommandRequest(CommandRequest):
     prefix: ClientPrefix = DEFAULT_PREFIX
     config_file: ClientConfigFile = None
     timeout: float = option(
-        "time limit for the reply (default: %(default)g)",
-        REPLY_TIMEOUT_S,
-        metavar="SECONDS",
-        parse=parse_seconds,
+        "time limit for the reply (default: %(default)g)", REPLY_TIMEOUT_S, "SECONDS", parse_seconds
     )
-
-
-REQUEST = SendCommandRequest
 
 
 def run(request: SendCommandRequest) -> int:

@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout
 from importlib.metadata import version
 from types import ModuleType
-from typing import Any, NoReturn, TextIO, cast
+from typing import Any, NoReturn, TextIO, cast, get_type_hints
 
 from drivers.core import UserFacingError
 from drivers.core.folders import kernel_folder
@@ -222,7 +222,7 @@ def _add_command(commands: "argparse._SubParsersAction[_OneLineErrorParser]", na
     if hasattr(module, "ACTIONS"):
         _add_actions(parser, module.ACTIONS)
     else:
-        _set_request(parser, module.REQUEST)
+        _set_request(parser, get_type_hints(module.run)["request"])
     parser.add_argument("--verbose", action="store_true", help="log progress to stderr")
     parser.set_defaults(command=module)
 

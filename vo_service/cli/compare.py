@@ -93,17 +93,14 @@ class ComparisonRequest(CommandRequest):
         "methods to run, in this order, or all, also those of other packages (default: "
         f"{' '.join(METHODS)})",
         tuple(METHODS),
-        metavar="METHOD",
+        "METHOD",
         allowed=[*METHOD_NAMES, ALL_METHODS],
     )
     every: tuple[int, ...] = option(
-        "use every Nth frame; several values make several runs (default: 1)",
-        (1,),
-        metavar="N",
-        parse=parse_count,
+        "use every Nth frame; several values make several runs (default: 1)", (1,), "N", parse_count
     )
     frames: int | None = option(
-        "use only the first N frames of each recording", metavar="N", parse=parse_count
+        "use only the first N frames of each recording", None, "N", parse_count
     )
     against: str | None = option(
         "also show figures relative to this one of the methods",
@@ -113,7 +110,7 @@ class ComparisonRequest(CommandRequest):
     output: Path = option(
         "folder for the report and the cached runs (default: %(default)s)",
         Path("output/compare"),
-        metavar="FOLDER",
+        "FOLDER",
     )
     sfm_scale: str = option(
         "source of the initial scale of sfm (default: %(default)s)",
@@ -130,17 +127,14 @@ class ComparisonRequest(CommandRequest):
     time_limit: float = option(
         "time limit of a run; a longer run is ended and reported (default: %(default)g)",
         3600.0,
-        metavar="SECONDS",
-        parse=parse_seconds,
+        "SECONDS",
+        parse_seconds,
     )
     loop_closure: bool = flag(
         "also optimize each trajectory by loop closure; the methods' own figures stay"
     )
     force: bool = flag("re-run cached results")
     json: bool = flag("print report.json, nothing else")
-
-
-REQUEST = ComparisonRequest
 
 
 def run(request: ComparisonRequest) -> int:

@@ -39,9 +39,6 @@ class ConversionRequest(CommandRequest):
     camera_file: CameraFile = None
 
 
-REQUEST = ConversionRequest
-
-
 def run(request: ConversionRequest) -> int:
     """Convert and print the number of frames.
 

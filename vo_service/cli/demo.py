@@ -57,14 +57,11 @@ class DemoRequest(CommandRequest):
         "length of the sequence (default: %(default)s)", 20.0, parse=parse_seconds
     )
     output: Path = option(
-        "folder for the results (default: %(default)s)", Path("output/demo"), metavar="FOLDER"
+        "folder for the results (default: %(default)s)", Path("output/demo"), "FOLDER"
     )
     no_serve: bool = flag("do not serve the Rerun viewer's page during the run")
     no_publish: NoPublish = False
     json: bool = flag("print one JSON object on stdout")
-
-
-REQUEST = DemoRequest
 
 
 def run(request: DemoRequest) -> int:

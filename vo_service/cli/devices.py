@@ -33,9 +33,6 @@ class DevicesRequest(CommandRequest):
     json: Json = False
 
 
-REQUEST = DevicesRequest
-
-
 def run(request: DevicesRequest) -> int:
     """List the sensors.
 

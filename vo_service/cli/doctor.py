@@ -56,15 +56,12 @@ class DoctorRequest(CommandRequest):
     camera_file: CameraFile = None
     topics: Topics = None
     seconds: float = option(
-        "time to check the frames (default: %(default)g)", 5.0, metavar="S", parse=parse_seconds
+        "time to check the frames (default: %(default)g)", 5.0, "S", parse_seconds
     )
     json: Json = False
     report: Path | None = option(
         "write a new archive for a bug report, with images", metavar="FILE.tar.gz"
     )
-
-
-REQUEST = DoctorRequest
 
 
 def run(request: DoctorRequest) -> int:

@@ -64,24 +64,17 @@ class DownloadSequencesRequest(CommandRequest):
     names: tuple[str, ...] = argument("a sequence, such as fr1/xyz", "NAME", default=())
     list: bool = flag("list all sequences, and download none")
     output: Path = option(
-        "parent folder of the sequences (default: %(default)s)",
-        Path("recordings"),
-        metavar="FOLDER",
+        "parent folder of the sequences (default: %(default)s)", Path("recordings"), "FOLDER"
     )
     mirror: str = option(
         "another host with the same files, below URL/freiburg1/ and so on (default: %(default)s)",
         BENCHMARK_URL,
-        metavar="URL",
-        parse=_parse_url,
+        "URL",
+        _parse_url,
     )
     sha256: str | None = option(
-        "refuse the archive unless it has this digest (for one NAME)",
-        metavar="HEX",
-        parse=_parse_sha256,
+        "refuse the archive unless it has this digest (for one NAME)", None, "HEX", _parse_sha256
     )
-
-
-REQUEST = DownloadSequencesRequest
 
 
 def run(request: DownloadSequencesRequest) -> int:

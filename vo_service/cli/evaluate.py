@@ -55,22 +55,16 @@ class EvaluationRequest(CommandRequest):
     max_difference: float = option(
         "largest difference between the stamps of a pose and its truth (default: %(default)s)",
         MAX_STAMP_DIFFERENCE_S,
-        metavar="SECONDS",
-        parse=parse_seconds,
+        "SECONDS",
+        parse_seconds,
     )
     time_offset: float = option(
-        "add this to the stamps of TRAJECTORY (default: %(default)s)",
-        0.0,
-        metavar="SECONDS",
-        parse=parse_finite,
+        "add this to the stamps of TRAJECTORY (default: %(default)s)", 0.0, "SECONDS", parse_finite
     )
     json: Json = False
     picture: Path | None = option(
         "plot the trajectory and the ground truth (.png or .svg)", metavar="FILE"
     )
-
-
-REQUEST = EvaluationRequest
 
 
 def run(request: EvaluationRequest) -> int:

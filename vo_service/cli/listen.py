@@ -136,11 +136,8 @@ class ListenRequest(CommandRequest):
     connect: Connect = DEFAULT_ENDPOINT
     prefix: ClientPrefix = DEFAULT_PREFIX
     config_file: ClientConfigFile = None
-    count: float = option("stop after N poses", math.inf, metavar="N", parse=_parse_count)
+    count: float = option("stop after N poses", math.inf, "N", _parse_count)
     json: bool = flag("one JSON object a line, changes of status and map too")
-
-
-REQUEST = ListenRequest
 
 
 def run(request: ListenRequest) -> int:

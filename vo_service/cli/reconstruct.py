@@ -43,7 +43,6 @@ from vo_service.cli.request import (
 )
 from vo_service.outputs.rerun.preview import PreviewScene, open_previews
 from vo_service.reconstruction.reconstructor import (
-    FramePoses,
     PreviewFrame,
     ReconstructionResult,
     Reconstructor,
@@ -98,9 +97,7 @@ class ReconstructionRequest(CommandRequest):
     )
     camera_file: CameraFile = None
     output: Path = option(
-        "folder for the results (default: %(default)s)",
-        Path("output/reconstruct"),
-        metavar="FOLDER",
+        "folder for the results (default: %(default)s)", Path("output/reconstruct"), "FOLDER"
     )
     voxel_m: Annotated[float, _size_option("voxel_m", "M", "a length")] = DEFAULTS.voxel_m
     memory_mb: Annotated[int, _size_option("memory_mb", "MB", "a size")] = DEFAULTS.memory_mb
@@ -117,9 +114,6 @@ class ReconstructionRequest(CommandRequest):
         ),
     ] = ()
     json: Json = False
-
-
-REQUEST = ReconstructionRequest
 
 
 def run(request: ReconstructionRequest) -> int:
@@ -157,7 +151,7 @@ def run(request: ReconstructionRequest) -> int:
                 atomic_write(request.output / TRAJECTORY_FILE, trajectory)
             else:
                 tracked = TrackedRecording(known, {})
-            reconstructor = Reconstructor(volume, FramePoses(tracked.poses), previews)
+            reconstructor = Reconstructor(volume, tracked.poses, previews)
             camera = _make_camera(request, config.camera.file)
             with camera, terminal.busy("fusing") as busy:
                 reconstructor.run(camera, stop.event, busy.progress_callback("frame"))

@@ -82,14 +82,11 @@ class RecordRequest(CommandRequest):
     seconds: float = option(
         "stop after S seconds of the camera's clock (default: at its end, or at Ctrl-C)",
         math.inf,
-        metavar="S",
-        parse=parse_seconds,
+        "S",
+        parse_seconds,
     )
     jpeg: bool = flag("color as JPEG: a third of the size, but lossy")
     raw: bool = flag("FILE.mcap: store color as it is (default: as JPEG, which is lossy)")
-
-
-REQUEST = RecordRequest
 
 
 def run(request: RecordRequest) -> int:

@@ -87,10 +87,7 @@ class ReplayRequest(CommandRequest):
     method: Method = None
     timing: Timing = None
     pace: PlaybackMode = option(
-        "lockstep (default) or realtime",
-        PlaybackMode.LOCKSTEP,
-        metavar="PACE",
-        parse=parse_playback_mode,
+        "lockstep (default) or realtime", PlaybackMode.LOCKSTEP, "PACE", parse_playback_mode
     )
     camera_file: CameraFile = None
     trajectory: TrajectoryFile = None
@@ -102,15 +99,9 @@ class ReplayRequest(CommandRequest):
         "write the trajectory as optimized by loop closure; implies --loop-closure", metavar="FILE"
     )
     wait_for_subscriber: float = option(
-        "start when a subscriber connects, or after SECONDS",
-        0.0,
-        metavar="SECONDS",
-        parse=parse_seconds,
+        "start when a subscriber connects, or after SECONDS", 0.0, "SECONDS", parse_seconds
     )
     json: Json = False
-
-
-REQUEST = ReplayRequest
 
 
 def run(request: ReplayRequest) -> int:

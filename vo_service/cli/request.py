@@ -46,9 +46,16 @@ class Argument(Option):
     """Argument without a name, such as RECORDING."""
 
 
-def option(text: str, default: Any = None, **properties: Any) -> Any:
+def option(
+    text: str,
+    default: Any = None,
+    metavar: str | None = None,
+    parse: Callable[[str], Any] | None = None,
+    **properties: Any,
+) -> Any:
     """Declare an option as a field of a request, with its help text; `properties` of `Option`."""
-    return dataclasses.field(default=default, metadata={_KEY: Option(text, **properties)})
+    spec = Option(text, metavar=metavar, parse=parse, **properties)
+    return dataclasses.field(default=default, metadata={_KEY: spec})
 
 
 def flag(text: str) -> Any:

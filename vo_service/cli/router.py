@@ -33,9 +33,6 @@ class RouterRequest(CommandRequest):
     file: Path = argument("Zenoh configuration (JSON5)", "FILE")
 
 
-REQUEST = RouterRequest
-
-
 def run(request: RouterRequest) -> int:
     """Route until stopped.
 

@@ -97,8 +97,8 @@ class RunServiceRequest(CommandRequest):
     pace: PlaybackMode = option(
         "realtime (default), or lockstep for a recording",
         PlaybackMode.REALTIME,
-        metavar="PACE",
-        parse=parse_playback_mode,
+        "PACE",
+        parse_playback_mode,
     )
     prefix: Annotated[str | None, config_option("zenoh.prefix", metavar="PREFIX")] = None
     trajectory: TrajectoryFile = None
@@ -109,9 +109,6 @@ class RunServiceRequest(CommandRequest):
     def load(self) -> Config:
         """Read the configuration, at the start and again for each reload."""
         return at_pace(load_config(self.config, self), self.pace)
-
-
-REQUEST = RunServiceRequest
 
 
 def run(request: RunServiceRequest) -> int:

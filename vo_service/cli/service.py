@@ -44,9 +44,7 @@ class InstallServiceRequest(CommandRequest):
     """Install or update the service (as root)."""
 
     name: str = option(
-        "kinect-vo@NAME with /etc/kinect-vo/NAME.toml, one of several on this computer",
-        "",
-        metavar="NAME",
+        "kinect-vo@NAME with /etc/kinect-vo/NAME.toml, one of several on this computer", "", "NAME"
     )
     enable: bool = flag("start the service now and at every boot")
     network_tls: bool = flag(

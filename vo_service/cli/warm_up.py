@@ -29,9 +29,6 @@ class WarmUpRequest(CommandRequest):
     timing: Timing = None
 
 
-REQUEST = WarmUpRequest
-
-
 def run(request: WarmUpRequest) -> int:
     """Compile the kernels of the configured parts, or load them from the cache.
 

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from drivers.camera import EndOfStream, FrameTimeout, PinholeCamera, RgbdCamera, RgbdFrame
-from drivers.core.geometry import MAX_STAMP_DIFFERENCE_S, Array, Trajectory, nearest_indices
+from drivers.core.geometry import Array, Trajectory
 from vo_service.reconstruction.gravity_alignment import UpDirectionEstimator
 from vo_service.reconstruction.mesh import Mesh
 from vo_service.reconstruction.tsdf_volume import TsdfVolume
@@ -40,20 +40,6 @@ class Preview(Protocol):
     def show(self, item: PreviewFrame) -> None:
         """Queue a frame."""
         ...
-
-
-class FramePoses:
-    """Lookup of poses by stamp: the nearest in time, at most 20 ms away."""
-
-    def __init__(self, poses: Trajectory) -> None:
-        """`poses` must not be empty."""
-        self._poses = poses
-
-    def find(self, stamp_s: float) -> Array | None:
-        """Return T_world_camera (4x4) of the frame with this stamp; None if it is unknown."""
-        index = int(nearest_indices(self._poses.stamps_s, np.array([stamp_s]))[0])
-        is_near = abs(float(self._poses.stamps_s[index]) - stamp_s) <= MAX_STAMP_DIFFERENCE_S
-        return self._poses.T_world_camera[index] if is_near else None
 
 
 class TrackedPoseRecorder(OutputBase):
@@ -150,7 +136,7 @@ class Reconstructor:
     """Fuses frames into a volume and shows the growing map in previews."""
 
     def __init__(
-        self, volume: TsdfVolume, poses: FramePoses, previews: Sequence[Preview] = ()
+        self, volume: TsdfVolume, poses: Trajectory, previews: Sequence[Preview] = ()
     ) -> None:
         self._volume = volume
         self._poses = poses
@@ -182,7 +168,7 @@ class Reconstructor:
         """Fuse one frame if it has a good pose and depth."""
         result = self.result
         result.frames += 1
-        T_world_camera = self._poses.find(frame.stamp_s)
+        T_world_camera = self._poses.pose_near(frame.stamp_s)
         if T_world_camera is None:
             result.without_pose += 1
             return

@@ -13,7 +13,6 @@ from drivers.synthetic.camera import SyntheticCamera
 from drivers.synthetic.config import SyntheticConfig
 from tests.vo_service.reconstruction.scenes import CAMERA, render_wall
 from vo_service.reconstruction.reconstructor import (
-    FramePoses,
     PreviewFrame,
     Reconstructor,
     TrackedPoseRecorder,
@@ -42,8 +41,8 @@ def at(x: float) -> Array:
     ],
 )
 def test_the_nearest_pose_within_20_ms_is_used(stamp_s: float, x: float | None) -> None:
-    poses = FramePoses(Trajectory(np.array([1.0, 1.05]), np.array([at(1), at(2)])))
-    pose = poses.find(stamp_s)
+    poses = Trajectory(np.array([1.0, 1.05]), np.array([at(1), at(2)]))
+    pose = poses.pose_near(stamp_s)
     assert (None if pose is None else pose[0, 3]) == x
 
 
@@ -160,7 +159,7 @@ def test_true_surfaces_are_what_the_camera_sees() -> None:
 def test_with_true_poses_the_mesh_is_on_the_true_surfaces(
     frames: list[RgbdFrame], truth: Trajectory
 ) -> None:
-    reconstruction = Reconstructor(TsdfVolume(SETTINGS), FramePoses(truth))
+    reconstruction = Reconstructor(TsdfVolume(SETTINGS), truth)
     for frame in frames:
         reconstruction.add_frame(frame)
     mesh = reconstruction.finish()
@@ -175,7 +174,7 @@ def test_frames_without_a_pose_or_depth_are_skipped_and_counted(
     frames: list[RgbdFrame], truth: Trajectory
 ) -> None:
     first_poses = Trajectory(truth.stamps_s[:4], truth.T_world_camera[:4])
-    reconstruction = Reconstructor(TsdfVolume(SETTINGS), FramePoses(first_poses))
+    reconstruction = Reconstructor(TsdfVolume(SETTINGS), first_poses)
     frame_without_depth = replace(frames[1], depth_raw=np.zeros_like(frames[1].depth_raw))
     for frame in (frames[0], frame_without_depth, *frames[2:6]):
         reconstruction.add_frame(frame)
@@ -195,7 +194,7 @@ def test_the_first_frame_after_the_memory_is_full_is_reported(
         large.integrate(frame.depth_m, frame.color_bgr, frame.camera, T_world_camera)
         needed_mb.append(SETTINGS.memory_mb * large.used_fraction)
     small_config = replace(SETTINGS, memory_mb=round((needed_mb[0] + needed_mb[-1]) / 2))
-    reconstruction = Reconstructor(TsdfVolume(small_config), FramePoses(truth))
+    reconstruction = Reconstructor(TsdfVolume(small_config), truth)
     for frame in frames:
         reconstruction.add_frame(frame)
     first_too_much = next(n for n, mb in enumerate(needed_mb, 1) if mb > small_config.memory_mb)
@@ -207,7 +206,7 @@ def test_it_stops_on_request_with_the_mesh_so_far(
     camera: SyntheticCamera, truth: Trajectory
 ) -> None:
     stop = threading.Event()
-    reconstruction = Reconstructor(TsdfVolume(SETTINGS), FramePoses(truth))
+    reconstruction = Reconstructor(TsdfVolume(SETTINGS), truth)
 
     def progress(done: int, total: int) -> None:
         assert total == ROOM.frame_count
@@ -224,7 +223,7 @@ def test_a_preview_gets_each_camera_and_a_new_mesh_only_when_it_has_grown(
     frames: list[RgbdFrame], truth: Trajectory
 ) -> None:
     preview = RecordingPreview()
-    reconstruction = Reconstructor(TsdfVolume(SETTINGS), FramePoses(truth), [preview])
+    reconstruction = Reconstructor(TsdfVolume(SETTINGS), truth, [preview])
     for frame in [*frames, *frames]:
         reconstruction.add_frame(frame)
     seen = preview.shown_frames[:]

@@ -17,6 +17,7 @@ SOURCE_PACKAGES = ("drivers", "vo_service")
 KERNEL_SOURCES = (
     "drivers/camera.py",
     "drivers/core",
+    "drivers/recording/image_encoding.py",
     "drivers/synthetic",
     "vo_service/frame_record.py",
     "vo_service/odometry",

@@ -15,11 +15,11 @@ from vo_service.cli.options import (
     ConfigFile,
     Json,
     Topics,
-    load_config,
     parse_seconds,
     print_message,
 )
-from vo_service.cli.request import CommandRequest, option
+from vo_service.cli.request import CommandRequest, option, with_options
+from vo_service.config import read_config
 from vo_service.terminal import Terminal
 from vo_service.tools.doctor.camera_checks import checks_for, requested_camera
 from vo_service.tools.doctor.check import CheckContext, diagnosis_as_json, run_checks
@@ -96,7 +96,7 @@ class _CheckedCamera:
 
 
 def _make_checked_camera(request: DoctorRequest) -> _CheckedCamera:
-    config = load_config(request.config, request)
+    config = with_options(request, read_config(request.config))
     source: str = request.camera or (config.camera.source if request.config else "freenect")
     terminal = Terminal()
     camera = open_camera(

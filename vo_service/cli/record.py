@@ -30,11 +30,10 @@ from vo_service.cli.options import (
     CameraSource,
     ConfigFile,
     Topics,
-    load_config,
     parse_seconds,
 )
-from vo_service.cli.request import CommandRequest, argument, flag, option
-from vo_service.config import Config
+from vo_service.cli.request import CommandRequest, argument, flag, option, with_options
+from vo_service.config import Config, read_config
 from vo_service.frame_source import make_publish_clock
 from vo_service.signals import StopSignal, stop_on_signals
 from vo_service.terminal import Terminal
@@ -95,7 +94,7 @@ def run(request: RecordRequest) -> int:
     Raises:
         UserFacingError: If an option is not valid, or if the camera or the disk fails.
     """
-    config = load_config(request.config, request)
+    config = with_options(request, read_config(request.config))
     _check_output(request)
     terminal = Terminal()
     camera = open_camera(

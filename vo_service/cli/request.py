@@ -49,7 +49,7 @@ class Argument(Option):
 def option(
     text: str,
     default: Any = None,
-    metavar: str | None = None,
+    metavar: str | tuple[str, str] | None = None,
     parse: Callable[[str], Any] | None = None,
     **properties: Any,
 ) -> Any:
@@ -176,7 +176,8 @@ def _number_parser(kind: type[Any], option: Option) -> Callable[[str], Any]:
 
     def parse(text: str) -> Any:
         try:
-            value = kind(text)
+            is_valid = kind is float or (text.isascii() and text.isdigit() and len(text) < 8)
+            value = kind(text) if is_valid else math.nan
         except ValueError:
             value = math.nan
         if not low <= value <= high:

@@ -1,0 +1,61 @@
+"""Options that are made from the fields of a request and of the configuration."""
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import pytest
+
+from vo_service.cli.request import (
+    CommandRequest,
+    add_options,
+    argument,
+    config_option,
+    flag,
+    make_request,
+    option,
+    with_options,
+)
+from vo_service.config import Config
+
+
+@dataclass(frozen=True, kw_only=True)
+class Example(CommandRequest):
+    """Options of all kinds."""
+
+    folder: Path = argument("a folder", "FOLDER")
+    size: tuple[int, int] | None = option("two numbers", metavar=("W", "H"), minimum=1)
+    names: tuple[str, ...] = option("names", (), "NAME", is_repeated=True)
+    is_loud: bool = flag("more noise")
+    voxel_m: Annotated[float | None, config_option("map.voxel_m", noun="a length")] = None
+
+
+def parse(*words: str) -> Example:
+    parser = argparse.ArgumentParser()
+    add_options(parser, Example)
+    return make_request(Example, parser.parse_args([*words], argparse.Namespace(verbose=False)))
+
+
+def test_what_is_not_given_has_the_default_of_its_field() -> None:
+    assert parse("desk") == Example(folder=Path("desk"))
+
+
+def test_values_have_the_types_of_their_fields() -> None:
+    words = ("--size", "4", "3", "--names", "a", "--names", "b", "--is-loud", "--voxel-m", "0.1")
+    assert parse("desk", *words) == Example(
+        folder=Path("desk"), size=(4, 3), names=("a", "b"), is_loud=True, voxel_m=0.1
+    )
+
+
+def test_an_option_has_the_limits_of_the_key_that_it_sets(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with pytest.raises(SystemExit):
+        parse("desk", "--voxel-m", "0.001")
+    assert "0.001 is not a length: give 0.005 to 0.5" in capsys.readouterr().err
+
+
+def test_an_option_sets_its_key_only_if_it_is_given() -> None:
+    assert with_options(parse("desk", "--voxel-m", "0.1"), Config()).map.voxel_m == 0.1
+    assert with_options(parse("desk"), Config()) == Config()

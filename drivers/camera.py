@@ -118,6 +118,22 @@ class FocalPrior:
 
 
 @dataclass(frozen=True)
+class PosePrior:
+    """What else than images tells of the camera's motion since the last frame with a pose.
+
+    Attributes:
+        T_last_camera: 4x4 predicted pose of the camera in that of the last frame.
+        information: 6x6 of it, translation (m), then rotation (rad), as a small motion in this
+            camera's axes.
+        source: What it is made of, if it tells all of the motion; "" if it tells a part of it.
+    """
+
+    T_last_camera: Array
+    information: Array
+    source: str = ""
+
+
+@dataclass(frozen=True)
 class AccelerometerReading:
     """One reading of an accelerometer.
 
@@ -184,6 +200,9 @@ class RgbdFrame:
         timing_prior: How well `readout_s` and `skew_s` are known; None = exactly.
         serial: Serial number of the sensor; "" if unknown, or a recording.
         focal_prior: What is known of the focal length beside `camera`; None = nothing.
+        accelerometer_bias_m_s2: (3,) bias of the accelerometer that an earlier run has learned, in
+            camera axes; None = unknown.
+        pose_prior: What else tells of the camera's motion; None = nothing.
     """
 
     seq: int
@@ -202,6 +221,8 @@ class RgbdFrame:
     timing_prior: TimingPrior | None = None
     serial: str = ""
     focal_prior: FocalPrior | None = None
+    accelerometer_bias_m_s2: tuple[float, float, float] | None = None
+    pose_prior: PosePrior | None = None
 
     def __post_init__(self) -> None:
         if (self.depth_raw == MAX_DEPTH_VALUE).any():

@@ -308,7 +308,7 @@ def _build_replay_service(
     loop_closure: LoopClosure,
 ) -> Service:
     timer = CpuStageTimer()
-    odom_frame = OdomFrame(config.T_base_camera.T_base_camera)
+    odom_frame = OdomFrame(config.T_base_camera.T_base_camera, config.base.planar)
     odometry = loop_closure.wrap(config.odometry.make_odometry(timer))
     return Service(
         _make_input(config, camera, frame_source),
@@ -380,7 +380,7 @@ def build_live_service(
     camera = make_reconnecting(camera)
     timer = CpuStageTimer()
     odometry = config.odometry.make_odometry(timer)
-    odom_frame = OdomFrame(config.T_base_camera.T_base_camera)
+    odom_frame = OdomFrame(config.T_base_camera.T_base_camera, config.base.planar)
     load_shedder = LoadShedder(dependencies.viewers)
     load_shedder.configure(config.load)
     mapper = dependencies.mapper

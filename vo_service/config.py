@@ -26,6 +26,7 @@ from vo_service.config_tables import (
     Ros2Config,
     ZenohConfig,
 )
+from vo_service.leveling.leveling import MIN_MOUNT_HEIGHT_M
 from vo_service.odometry.registry import (
     DEFAULT_METHOD,
     DEFAULT_TIMING_MODE,
@@ -159,12 +160,23 @@ class MountingConfig:
 
 
 @dataclass(frozen=True)
+class BaseConfig:
+    """`[base]`: the robot's base."""
+
+    planar: Annotated[
+        bool,
+        "true for a base on wheels, on one level floor: z, roll and pitch of its pose are 0",
+    ] = False
+
+
+@dataclass(frozen=True)
 class Config:
     """A configuration file: one field per table. Every table and key is optional."""
 
     camera: CameraConfig = CameraConfig()
     sensor: SensorConfig = SensorConfig()  # noqa: RUF009 (frozen)
     odometry: OdometryConfig = OdometryConfig()
+    base: BaseConfig = BaseConfig()
     T_base_camera: MountingConfig = MountingConfig()
     zenoh: ZenohConfig = ZenohConfig()  # noqa: RUF009 (frozen)
     frames: FramesConfig = FramesConfig()  # noqa: RUF009 (frozen)
@@ -177,6 +189,14 @@ class Config:
     load: LoadConfig = LoadConfig()  # noqa: RUF009 (frozen)
     log: LogConfig = LogConfig()  # noqa: RUF009 (frozen)
     synthetic: SyntheticConfig = SyntheticConfig.fast()  # noqa: RUF009 (frozen)
+
+    def __post_init__(self) -> None:
+        if self.base.planar and self.T_base_camera.translation_m[2] < MIN_MOUNT_HEIGHT_M:
+            raise FieldError(
+                ("T_base_camera", "translation_m"),
+                "a planar base needs the camera's height above the floor, the third number; "
+                "kinect-vo doctor measures it",
+            )
 
 
 def _reloadable_keys() -> tuple[str, ...]:

@@ -1,7 +1,7 @@
 """The odom frame: turn estimates into updates with state, epoch, base pose and covariance."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -9,16 +9,16 @@ from drivers.camera import RgbdFrame
 from drivers.core.geometry import (
     T_BODY_CAMERA,
     Array,
-    Vector,
     adjoint,
     inverse,
     rigid_transform,
     so3_exp,
     so3_log,
 )
+from vo_service.leveling.leveling import Leveling
 from vo_service.odometry.uncertainty import CovarianceAccumulator, diagonal_covariance
 from vo_service.types.estimate import Estimate
-from vo_service.types.odometry_update import LevelSource, OdometryUpdate, TrackingState
+from vo_service.types.odometry_update import OdometryUpdate, TrackingState
 
 # With fewer inliers than this, the estimated motion may be wrong: the state is degraded.
 MIN_INLIERS_TRACKING = 30
@@ -27,6 +27,8 @@ MIN_INLIERS_TRACKING = 30
 LOST_SIGMA_M_PER_S, LOST_SIGMA_RAD_PER_S = 0.5, 1.0
 # The velocity is unknown if two frames are closer in time than this.
 MIN_STEP_S = 1e-3
+# What a planar base cannot do: move along z, roll, pitch. Readers do not take a variance of 0.
+NOT_PLANAR, PLANAR_VARIANCE = [2, 3, 4], 1e-6
 
 
 @dataclass(frozen=True)
@@ -54,21 +56,23 @@ class OdomFrame:
 
     Attributes:
         epoch: Number of the epoch; changes whenever the pose is not continuous.
-        level_source: Source of the up direction of `odom`.
+        leveling: Keeps `odom` level.
     """
 
-    def __init__(self, T_base_camera: Array = T_BODY_CAMERA) -> None:
+    def __init__(self, T_base_camera: Array = T_BODY_CAMERA, is_planar: bool = False) -> None:
         """Start the first epoch.
 
         Args:
             T_base_camera: 4x4 pose of the optical camera in the robot's base.
+            is_planar: Whether the base stays on a level floor: z, roll and pitch of its pose are 0.
         """
+        self.leveling = Leveling(T_base_camera, is_planar)
+        self._is_planar = is_planar
         self._T_base_camera = T_base_camera
         self._T_camera_base = inverse(T_base_camera)
         self._Ad_base_camera = adjoint(T_base_camera)
         self._T_odom_start = np.eye(4)  # valid while no origin is pending
         self._pending_origin: _PendingOrigin | None = _PendingOrigin(None)
-        self.level_source = LevelSource.ASSUMED
         self._seq = 0
         self.epoch = 0
         self._epoch_reason = ""
@@ -99,6 +103,8 @@ class OdomFrame:
             T_odom_base: 4x4 pose of the base; None: level, at the origin.
         """
         self.start_epoch("reset")
+        if T_odom_base is not None and self._is_planar:
+            T_odom_base = project_to_floor(T_odom_base)
         self._pending_origin = _PendingOrigin(T_odom_base)
 
     def update(
@@ -123,6 +129,13 @@ class OdomFrame:
         covariance = self._pose_covariance(frame.stamp_s)
         state, reason = _tracking_state(estimate)
         T_odom_base = self._T_odom_base(frame, estimate)
+        T_odom_camera = T_odom_base @ self._T_base_camera
+        pose_covariance = self._rotate_to_odom(covariance, T_odom_base)
+        if self._is_planar:
+            T_odom_base = project_to_floor(T_odom_base)
+            _make_planar(pose_covariance)
+            _make_planar(twist_covariance)
+            twist[NOT_PLANAR] = 0.0
         update = OdometryUpdate(
             seq=self._seq,
             stamp_s=stamped.published_s,
@@ -131,18 +144,24 @@ class OdomFrame:
             epoch=self.epoch,
             T_world_camera=estimate.T_world_camera,
             T_odom_base=T_odom_base,
-            T_odom_camera=T_odom_base @ self._T_base_camera,
-            pose_covariance=self._rotate_to_odom(covariance, T_odom_base),
+            T_odom_camera=T_odom_camera,
+            pose_covariance=pose_covariance,
             twist=twist,
             twist_covariance=twist_covariance,
             frame=frame,
             estimate=estimate,
             stage_ms=stage_ms,
             latency_s=latency_s,
+            level=self.leveling.level,
         )
         self._seq += 1
         self._epoch_reason = ""
         return update
+
+    def measure_level(self, update: OdometryUpdate) -> None:
+        """Measure by a frame how level `odom` is, for the next poses."""
+        if update.estimate.ok:
+            self.leveling.add_frame(update.frame, update.T_odom_camera)
 
     def _T_odom_base(self, frame: RgbdFrame, estimate: Estimate) -> Array:
         """Pose of the base. The first good frame after the start or a reset fixes the origin.
@@ -151,11 +170,15 @@ class OdomFrame:
         """
         T_start_base = self._T_base_camera @ estimate.T_world_camera @ self._T_camera_base
         if self._pending_origin is None:
+            if estimate.ok:
+                correction = self.leveling.correct(self._T_odom_start @ T_start_base, frame.stamp_s)
+                self._T_odom_start = correction @ self._T_odom_start
             return self._T_odom_start @ T_start_base
         T_odom_base = self._pending_origin.T_odom_base
         if T_odom_base is None:
-            levelling = align_to_gravity(frame.gravity_m_s2, self._T_base_camera)
-            T_odom_base, self.level_source = levelling.T_odom_start, levelling.level_source
+            T_odom_base = align_to_up(self._T_base_camera[:3, :3] @ self.leveling.start(frame))
+        elif estimate.ok:
+            self.leveling.forget_floor()
         if estimate.ok:
             self._T_odom_start = T_odom_base @ inverse(T_start_base)
             self._pending_origin = None
@@ -208,34 +231,30 @@ def _tracking_state(estimate: Estimate) -> tuple[TrackingState, str]:
     return TrackingState.TRACKING, ""
 
 
-@dataclass(frozen=True)
-class GravityAlignment:
-    """The base's first pose in `odom`, and its source.
-
-    Attributes:
-        level_source: Source of the up direction.
-        T_odom_start: 4x4 first pose of the base.
-    """
-
-    level_source: LevelSource = LevelSource.ASSUMED
-    T_odom_start: Array = field(default_factory=lambda: np.eye(4))
-
-
-def align_to_gravity(gravity_m_s2: Vector | None, T_base_camera: Array) -> GravityAlignment:
-    """Find the base's first pose so that z of `odom` is up; the base is at the origin with yaw 0.
+def align_to_up(up: Array) -> Array:
+    """Find the base's first pose 4x4 so that z of `odom` is up; it is at the origin with yaw 0.
 
     Args:
-        gravity_m_s2: (3,) gravity in optical camera axes; None: the first pose counts as level.
-        T_base_camera: 4x4 pose of the optical camera in the base.
+        up: (3,) up direction in the base.
     """
-    if gravity_m_s2 is None:
-        return GravityAlignment()
-    up = -T_base_camera[:3, :3] @ np.asarray(gravity_m_s2)
     # The roll and pitch of REP 103's axes that turn this into z.
     roll_rad = np.arctan2(up[1], up[2])
     pitch_rad = np.arctan2(-up[0], np.hypot(up[1], up[2]))
     rotation = _axis_rotation(1, pitch_rad) @ _axis_rotation(0, roll_rad)
-    return GravityAlignment(LevelSource.GRAVITY, rigid_transform(rotation, np.zeros(3)))
+    return rigid_transform(rotation, np.zeros(3))
+
+
+def project_to_floor(T_odom_base: Array) -> Array:
+    """Return the pose 4x4 of a level base at height 0 with the same x, y and heading."""
+    heading_rad = np.arctan2(T_odom_base[1, 0], T_odom_base[0, 0])
+    x_m, y_m = T_odom_base[:2, 3]
+    return rigid_transform(_axis_rotation(2, heading_rad), (x_m, y_m, 0.0))
+
+
+def _make_planar(covariance: Array) -> None:
+    """Make a covariance 6x6 that of a planar motion, in place."""
+    covariance[NOT_PLANAR, :] = covariance[:, NOT_PLANAR] = 0.0
+    covariance[NOT_PLANAR, NOT_PLANAR] = PLANAR_VARIANCE
 
 
 def _axis_rotation(axis: int, angle_rad: float) -> Array:

@@ -3,6 +3,7 @@
 With its statistics, which are the figures of the status.
 """
 
+import math
 import threading
 import time
 from collections import deque
@@ -24,6 +25,7 @@ from vo_service.types.failure_reasons import FailureReasons, strip_numbers
 from vo_service.types.messages import (
     CameraReport,
     LatencyReport,
+    LevelReport,
     MapReport,
     RecorderReport,
     Status,
@@ -108,6 +110,7 @@ class Service:
             *outputs,
             self._load_shedder,
             self._plausibility,
+            odom_frame.leveling,
             *warning_sources,
         )
         self._timestamp_filter = TimestampFilter()
@@ -146,6 +149,8 @@ class Service:
         self.statistics.add(update, cpu_s * 1e3)
         self._last = update
         self._plausibility.add(frame)
+        # Level: the floor in view keeps the next poses level.
+        self._odom_frame.measure_level(update)
         # Load shedding: pause the viewers if the machine is too slow.
         busy_s = time.monotonic() - begin_s
         interval_s, dropped = self.statistics.interval_s, self._camera.counters.dropped
@@ -190,6 +195,7 @@ class Service:
             paused=self._control.is_paused,
             warnings=warnings,
             camera=self._camera_report(),
+            level=self._level_report(),
             tracking=self._tracking_report(),
             latency=self.statistics.make_latency_report(
                 STAGE_BUDGETS_MS.get(self._method_name, {})
@@ -204,7 +210,6 @@ class Service:
             name=self._camera.name,
             state=self._camera.status.state,
             intrinsics=self._camera.intrinsics_source,
-            level=self._odom_frame.level_source,
             skew_ms=self.statistics.skew_ms,
             jitter_ms=self.statistics.jitter_ms,
             dropped=counters.dropped,
@@ -232,6 +237,15 @@ class Service:
             depth_offset_ms=1e3 * timing.depth_offset_s,
             depth_offset_sigma_ms=1e3 * timing.depth_offset_sigma_s,
             sensor_timing_source=timing.source,
+        )
+
+    def _level_report(self) -> LevelReport:
+        level = self._odom_frame.leveling.level
+        return LevelReport(
+            level.source,
+            math.degrees(level.tilt_rad),
+            math.degrees(level.sigma_rad),
+            level.camera_height_m or 0.0,
         )
 
     def _tracking_report(self) -> TrackingReport:

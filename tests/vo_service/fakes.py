@@ -23,12 +23,13 @@ from vo_service.types.estimate import Estimate
 from vo_service.types.messages import (
     CameraReport,
     LatencyReport,
+    LevelReport,
     MapReport,
     RecorderReport,
     Status,
     TrackingReport,
 )
-from vo_service.types.odometry_update import LevelSource, OdometryUpdate, TrackingState
+from vo_service.types.odometry_update import OdometryUpdate, TrackingState
 
 CAMERA = PinholeCamera(8, 6, 8.0, 8.0, 3.5, 2.5)
 STEP_COVARIANCE = np.diag([1e-6, 2e-6, 3e-6, 4e-6, 5e-6, 6e-6])
@@ -73,10 +74,10 @@ def make_status(**changes: Any) -> Status:
             name="scripted",
             state=CameraState.STREAMING,
             intrinsics="",
-            level=LevelSource.ASSUMED,
             skew_ms=-2.5,
             jitter_ms=0.5,
         ),
+        level=LevelReport(),
         tracking=TrackingReport("surf", features=980, matches=400, inliers=300, frames=100),
         latency=LatencyReport(fps=29.9, p50_ms=11.0, p99_ms=19.5),
         map=MapReport(),

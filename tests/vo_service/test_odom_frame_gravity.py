@@ -18,7 +18,8 @@ from drivers.core.geometry import (
 from tests.vo_service.fakes import failed_estimate, good_estimate, make_frame
 from vo_service.odom_frame import OdomFrame, StampedFrame
 from vo_service.types.estimate import Estimate
-from vo_service.types.odometry_update import LevelSource, OdometryUpdate
+from vo_service.types.level import LevelSource
+from vo_service.types.odometry_update import OdometryUpdate
 
 RATE_HZ = 30.0
 LEVEL: Vector = (0.0, 9.80665, 0.0)
@@ -76,8 +77,8 @@ def test_a_level_start_equals_a_start_without_gravity(R: Array) -> None:
     )
     np.testing.assert_array_equal(a.T_odom_base, b.T_odom_base)
     np.testing.assert_array_equal(a.pose_covariance, b.pose_covariance)
-    assert (with_gravity.level_source, without_gravity.level_source) == (
-        LevelSource.GRAVITY,
+    assert (with_gravity.leveling.level.source, without_gravity.leveling.level.source) == (
+        LevelSource.ACCELEROMETER,
         LevelSource.ASSUMED,
     )
 
@@ -118,7 +119,7 @@ def test_later_gravity_changes_nothing() -> None:
     tracker.start_epoch("clock_step")
     found = update(tracker, failed_estimate(), 9, LEVEL)
     np.testing.assert_array_equal(found.T_odom_base, expected.T_odom_base)
-    assert tracker.level_source is LevelSource.GRAVITY
+    assert tracker.leveling.level.source is LevelSource.ACCELEROMETER
 
 
 def test_the_first_good_frame_aligns_odom_with_gravity() -> None:
@@ -133,4 +134,4 @@ def test_a_first_good_frame_without_gravity_counts_as_level() -> None:
     update(tracker, good_estimate(np.eye(4)), 0)
     found = update(tracker, good_estimate(np.eye(4)), 1, NOSE_DOWN)
     np.testing.assert_array_equal(found.T_odom_base, np.eye(4))
-    assert tracker.level_source is LevelSource.ASSUMED
+    assert tracker.leveling.level.source is LevelSource.ASSUMED

@@ -25,8 +25,9 @@ from vo_service.ros_messages.navigation import (
 )
 from vo_service.types.commands import ErrorCode
 from vo_service.types.estimate import OnlineFocalLength, OnlineTiming
+from vo_service.types.level import LevelSource
 from vo_service.types.map_snapshot import NO_MAP
-from vo_service.types.odometry_update import LevelSource, OdometryUpdate, TrackingState
+from vo_service.types.odometry_update import OdometryUpdate, TrackingState
 
 # Fields that other messages have too.
 EpochNumber = Annotated[int, "changes whenever the pose is not continuous with the one before"]
@@ -70,9 +71,6 @@ class CameraReport:
         'source of the intrinsics: "camera file FILE", a topic of a bag, "factory", "default"; '
         '"" = exact',
     ]
-    level: Annotated[
-        LevelSource, "source of the up direction: measured, or the first pose counts as level"
-    ]
     skew_ms: Annotated[
         float, "stamp of depth minus stamp of color, median of the last 100 frames"
     ] = 0.0
@@ -115,6 +113,22 @@ class CameraReport:
         float,
         "learned standard deviation of inverse depth, 1/m: that of depth is z^2 times it; "
         "0 = not known",
+    ] = 0.0
+
+
+@dataclass(frozen=True)
+class LevelReport:
+    """How `odom` is kept level."""
+
+    source: Annotated[
+        LevelSource,
+        "source of the up direction: the floor in view, the mount of a planar base, the "
+        "accelerometer; assumed = the first pose counts as level",
+    ] = LevelSource.ASSUMED
+    tilt_deg: Annotated[float, "angle between the z axis of the base and up"] = 0.0
+    tilt_sigma_deg: Annotated[float, "standard deviation of the up direction; 0 = not known"] = 0.0
+    camera_height_m: Annotated[
+        float, "of the camera above the floor that was last in view; 0 = not known"
     ] = 0.0
 
 
@@ -189,6 +203,7 @@ class Status:
     paused: Annotated[bool, "whether publishing is paused"]
     warnings: Annotated[tuple[str, ...], "faults other than tracking, one clause each"]
     camera: Annotated[CameraReport, "the camera and its frames"]
+    level: Annotated[LevelReport, "how odom is kept level"]
     tracking: Annotated[TrackingReport, "the odometry and its last frame"]
     latency: Annotated[LatencyReport, "how fast poses come, and the CPU time of the odometry"]
     map: Annotated[MapReport, "loop closure, localization, saved and loaded maps"]

@@ -7,6 +7,7 @@ from enum import StrEnum
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array
 from vo_service.types.estimate import Estimate
+from vo_service.types.level import UNKNOWN_LEVEL, Level
 from vo_service.types.map_snapshot import NO_MAP, MapSnapshot
 
 
@@ -17,13 +18,6 @@ class TrackingState(StrEnum):
     DEGRADED = "degraded"
     LOST = "lost"
     NO_CAMERA = "no_camera"
-
-
-class LevelSource(StrEnum):
-    """Source of the up direction of `odom`."""
-
-    GRAVITY = "gravity"  # measured by an accelerometer at the first frame
-    ASSUMED = "assumed"  # the base's first pose counts as level
 
 
 @dataclass(frozen=True)
@@ -38,7 +32,8 @@ class OdometryUpdate:
         epoch: Changes whenever the pose is not continuous with the previous one.
         T_world_camera: 4x4, optical axes; the world is the first camera. For trajectory files and
             viewers.
-        T_odom_base: 4x4 pose of the base in `odom`, REP 103 axes. For robots.
+        T_odom_base: 4x4 pose of the base in `odom`, REP 103 axes. For robots. That of a planar base
+            is level, whatever the camera's is.
         T_odom_camera: 4x4 pose of the optical camera in `odom`. For the mapper.
         pose_covariance: 6x6, accumulated since the start of the epoch, in axes of `odom`, ROS order
             (x y z rx ry rz).
@@ -48,6 +43,7 @@ class OdometryUpdate:
         estimate: The odometry's estimate of it.
         stage_ms: CPU time by stage, ms.
         latency_s: Time from the frame's arrival to this result, s.
+        level: How `odom` is kept level.
         map: The pose graph, with the transform of `odom` in the map.
     """
 
@@ -66,6 +62,7 @@ class OdometryUpdate:
     estimate: Estimate
     stage_ms: Mapping[str, float]
     latency_s: float
+    level: Level = UNKNOWN_LEVEL
     map: MapSnapshot = NO_MAP
 
     @property

@@ -14,7 +14,7 @@ from tests.resource_leaks import open_files
 from tests.vo_service.fakes import make_status
 from vo_service.types.estimate import Estimate, TrackingDebug
 from vo_service.types.messages import CameraReport, Status
-from vo_service.types.odometry_update import LevelSource, OdometryUpdate, TrackingState
+from vo_service.types.odometry_update import OdometryUpdate, TrackingState
 
 CAMERA = PinholeCamera(width=64, height=48, fx=60.0, fy=60.0, cx=31.5, cy=23.5)
 START_S = 1305031453.359684
@@ -39,7 +39,6 @@ def status() -> Status:
         name="tum:desk",
         state=CameraState.STREAMING,
         intrinsics="camera file camera.toml",
-        level=LevelSource.GRAVITY,
         dropped=2,
     )
     return make_status(state=TrackingState.DEGRADED, reason="few inliers", camera=camera)

@@ -1,0 +1,193 @@
+"""How level `odom` stays during an hour of simulated driving, with drift, accelerometer and floor.
+
+python -m benchmarks leveling [--minutes 60] [--seeds 3]
+"""
+
+import argparse
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.harness import Table
+from drivers.camera import AccelerometerReading, PinholeCamera, RgbdFrame
+from drivers.core.geometry import (
+    STANDARD_GRAVITY_M_S2,
+    Array,
+    inverse,
+    orthonormalize,
+    rigid_transform,
+    so3_exp,
+    so3_log,
+)
+from vo_service.odom_frame import OdomFrame, StampedFrame
+from vo_service.types.estimate import Estimate
+
+RATE_HZ = 30.0
+# A camera 0.5 m above the floor that looks 10 degrees down; the depth image is small, as it shows
+# a plane only.
+CAMERA = PinholeCamera(160, 120, 131.25, 131.25, 79.5, 59.5)
+HEIGHT_M, DOWN_RAD = 0.5, np.radians(10.0)
+DEPTH_NOISE_PER_M, MAX_DEPTH_M = 3e-3, 4.5
+# The robot stops and starts with 0.5 m/s^2, and drives curves.
+SPEED_M_S, PERIOD_S, ACCELERATION_M_S2, TURN_RAD_S = 0.3, 20.0, 0.5, 0.4
+ACCELEROMETER_SIGMA_M_S2 = ACCELEROMETER_BIAS_M_S2 = 0.02 * STANDARD_GRAVITY_M_S2
+# The floor comes into view and leaves it after times of this mean.
+FLOOR_PERIOD_S = 20.0
+TABLE = Table(
+    *(10, "drift deg:10.2f", "floor in view:15s", "tilt rms deg:14.3f", "largest:8.2f"),
+    *("z m:8.3f", "step deg:9.4f", "step mm:8.3f", "bias error g:13.4f"),
+)
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What a drive is simulated with.
+
+    Attributes:
+        drift_deg: Drift of the odometry's attitude about each axis, degrees per root second.
+        has_floor: Whether the floor is in view half of the time, or never.
+        minutes: Length.
+        seed: Of the noise.
+    """
+
+    drift_deg: float
+    has_floor: bool
+    minutes: float
+    seed: int
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument("--minutes", type=float, default=60.0)
+    parser.add_argument("--seeds", type=int, default=3)
+
+
+def main(args: argparse.Namespace) -> None:
+    """Simulate the drives and print a table."""
+    print(TABLE.head)
+    for drift_deg in (0.02, 0.07):
+        for has_floor in (True, False):
+            results = [
+                simulate(Drive(drift_deg, has_floor, args.minutes, seed))
+                for seed in range(args.seeds)
+            ]
+            name = f"median {args.seeds}"
+            view = "half" if has_floor else "never"
+            print(TABLE.row(name, drift_deg, view, *np.median(results, axis=0)))
+
+
+def simulate(drive: Drive) -> tuple[float, ...]:
+    """Return the last six columns of the table."""
+    rng = np.random.default_rng(drive.seed)
+    T_base_camera = _mount()
+    odom_frame = OdomFrame(T_base_camera)
+    bias_m_s2 = ACCELEROMETER_BIAS_M_S2 * _unit(rng.normal(size=3))
+    detector_rays = _rays()
+    T_world_base, T_drifted = np.eye(4), np.eye(4)
+    heights_m, gravity_m_s2 = [], -bias_m_s2 - STANDARD_GRAVITY_M_S2 * T_base_camera[2, :3]
+    tilts, steps, is_in_view, next_change_s, last = [], [], drive.has_floor, 0.0, None
+    for seq in range(int(drive.minutes * 60.0 * RATE_HZ)):
+        stamp_s = seq / RATE_HZ
+        if stamp_s >= next_change_s and seq:
+            is_in_view = drive.has_floor and not is_in_view
+            next_change_s = stamp_s + rng.exponential(FLOOR_PERIOD_S)
+        motion, acceleration_m_s2 = _motion(stamp_s)
+        error = so3_exp(np.radians(drive.drift_deg) / np.sqrt(RATE_HZ) * rng.normal(size=3))
+        T_world_base = T_world_base @ motion
+        T_drifted = T_drifted @ motion @ rigid_transform(error, np.zeros(3))
+        T_drifted = orthonormalize(T_drifted)
+        up = inverse(T_world_base @ T_base_camera)[:3, 2]
+        force_m_s2 = T_base_camera[:3, :3].T @ acceleration_m_s2 + STANDARD_GRAVITY_M_S2 * up
+        force_m_s2 += bias_m_s2 + ACCELEROMETER_SIGMA_M_S2 * rng.normal(size=3)
+        depth_raw = _floor_depth(detector_rays, up, rng) if is_in_view else _no_depth()
+        # The Kinect's driver averages a second.
+        gravity_m_s2 -= (force_m_s2 + gravity_m_s2) / RATE_HZ
+        frame = _frame(seq, stamp_s, depth_raw, force_m_s2, gravity_m_s2)
+        update = odom_frame.update(
+            StampedFrame(frame, stamp_s), _estimate(T_base_camera, T_drifted), {}, 0.0
+        )
+        odom_frame.measure_level(update)
+        T_odom_base = update.T_odom_base
+        heights_m.append(T_odom_base[2, 3])
+        tilts.append(np.degrees(np.arccos(min(T_odom_base[2, 2], 1.0))))
+        if last is not None:
+            step = inverse(last[0] @ inverse(last[1]) @ T_drifted) @ T_odom_base
+            steps.append((np.degrees(np.linalg.norm(so3_log(step[:3, :3]))), step[:3, 3]))
+        last = T_odom_base, T_drifted.copy()
+    learned = update.level.accelerometer_bias_m_s2
+    bias_error = np.inf if learned is None else np.linalg.norm(learned - bias_m_s2)
+    largest_step_m = max(np.linalg.norm(step[1]) for step in steps)
+    return (
+        float(np.sqrt(np.mean(np.square(tilts)))),
+        float(np.max(tilts)),
+        float(np.max(np.abs(heights_m))),
+        float(max(step[0] for step in steps)),
+        float(1e3 * largest_step_m),
+        float(bias_error / STANDARD_GRAVITY_M_S2),
+    )
+
+
+def _mount() -> Array:
+    down = so3_exp([0.0, DOWN_RAD, 0.0])
+    optical = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+    return rigid_transform(down @ optical, (0.1, 0.0, HEIGHT_M))
+
+
+def _motion(stamp_s: float) -> tuple[Array, Array]:
+    """Motion 4x4 of the base in one frame, and its acceleration (3,) in its own axes."""
+    phase_s = stamp_s % PERIOD_S
+    ramp_s = SPEED_M_S / ACCELERATION_M_S2
+    speed_m_s = min(SPEED_M_S, ACCELERATION_M_S2 * min(phase_s, PERIOD_S - phase_s))
+    along_m_s2 = ACCELERATION_M_S2 * ((phase_s < ramp_s) - (phase_s > PERIOD_S - ramp_s))
+    turn_rad_s = TURN_RAD_S * np.sin(2.0 * np.pi * stamp_s / 47.0)
+    motion = rigid_transform(
+        so3_exp([0.0, 0.0, turn_rad_s / RATE_HZ]), (speed_m_s / RATE_HZ, 0.0, 0.0)
+    )
+    return motion, np.array([along_m_s2, speed_m_s * turn_rad_s, 0.0])
+
+
+def _rays() -> Array:
+    v, u = np.mgrid[: CAMERA.height, : CAMERA.width]
+    return np.stack(
+        [(u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy, np.ones(u.shape)], axis=-1
+    )
+
+
+def _floor_depth(rays: Array, up: Array, rng: np.random.Generator) -> NDArray[np.uint16]:
+    """Depth (H, W) of the floor alone, mm."""
+    inverse_depth_per_m = rays @ (-up / HEIGHT_M) + DEPTH_NOISE_PER_M * rng.normal(
+        size=rays.shape[:2]
+    )
+    is_near = inverse_depth_per_m > 1.0 / MAX_DEPTH_M
+    depth_m = np.where(is_near, 1.0 / np.where(is_near, inverse_depth_per_m, 1.0), 0.0)
+    return (1000.0 * depth_m).astype(np.uint16)
+
+
+def _no_depth() -> NDArray[np.uint16]:
+    return np.zeros((CAMERA.height, CAMERA.width), np.uint16)
+
+
+def _frame(
+    seq: int, stamp_s: float, depth_raw: NDArray[np.uint16], force_m_s2: Array, gravity_m_s2: Array
+) -> RgbdFrame:
+    return RgbdFrame(
+        seq=seq,
+        stamp_s=stamp_s,
+        receive_time_s=stamp_s,
+        color_bgr=np.zeros((1, 1, 3), np.uint8),
+        depth_raw=depth_raw,
+        depth_factor=1000.0,
+        camera=CAMERA,
+        gravity_m_s2=tuple(gravity_m_s2.tolist()),
+        accelerometer=(AccelerometerReading(stamp_s, tuple(force_m_s2.tolist())),),
+    )
+
+
+def _estimate(T_base_camera: Array, T_drifted: Array) -> Estimate:
+    T_world_camera = inverse(T_base_camera) @ T_drifted @ T_base_camera
+    return Estimate(True, "", T_world_camera, np.eye(4), np.zeros((6, 6)))
+
+
+def _unit(vector: Array) -> Array:
+    return vector / np.linalg.norm(vector)

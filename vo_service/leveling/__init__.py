@@ -1,0 +1,1 @@
+"""The up direction and the floor, which keep `odom` level."""

@@ -121,15 +121,19 @@ class FocalPrior:
 class PosePrior:
     """What else than images tells of the camera's motion since the last frame with a pose.
 
+    Information matrices are 6x6 of `T_last_camera`, translation (m), then rotation (rad), as a
+    small motion in this camera's axes.
+
     Attributes:
         T_last_camera: 4x4 predicted pose of the camera in that of the last frame.
-        information: 6x6 of it, translation (m), then rotation (rad), as a small motion in this
-            camera's axes.
-        source: What it is made of, if it tells all of the motion; "" if it tells a part of it.
+        information: Of the prediction, floor included.
+        floor_information: Of the part that a floor tells, whose error does not grow with the way.
+        source: What tells all of the motion, such as "wheel odometry"; "" if only a part is told.
     """
 
     T_last_camera: Array
     information: Array
+    floor_information: Array
     source: str = ""
 
 

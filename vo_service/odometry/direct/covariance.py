@@ -76,11 +76,13 @@ class MotionUncertainty:
         degeneracy: Which directions of a small motion of the keyframe's points are constrained.
         shared_error: Ratio by which errors that neighbors share enlarge the scatter of the
             brightness; 0 without brightness.
+        is_one_plane: Whether the view shows one plane only, which leaves three directions weak.
     """
 
     covariance: Array
     degeneracy: DegeneracyAnalysis
     shared_error: float = 0.0
+    is_one_plane: bool = False
 
     @property
     def observability(self) -> float:
@@ -89,14 +91,9 @@ class MotionUncertainty:
 
     @property
     def is_constrained(self) -> NDArray[np.bool_]:
-        """(6,) which of the degeneracy's directions the view constrains.
-
-        One plane leaves three directions weak at once.
-        """
-        observability = self.degeneracy.observability
-        is_one_plane = observability[2] < MIN_PLANE_OBSERVABILITY
-        is_constrained: NDArray[np.bool_] = observability >= (
-            MIN_PLANE_OBSERVABILITY if is_one_plane else MIN_VIEW_OBSERVABILITY
+        """(6,) which of the degeneracy's directions the view, or a floor, constrains."""
+        is_constrained: NDArray[np.bool_] = self.degeneracy.observability >= (
+            MIN_PLANE_OBSERVABILITY if self.is_one_plane else MIN_VIEW_OBSERVABILITY
         )
         return is_constrained
 
@@ -133,9 +130,12 @@ def estimate_uncertainty(
         prior,
         velocity_noise,
     )
-    return MotionUncertainty(
-        covariance, analyze_degeneracy(information, point_information(moments)), shared_error
-    )
+    noise = point_information(moments)
+    degeneracy = analyze_degeneracy(information, noise)
+    is_one_plane = bool(degeneracy.observability[2] < MIN_PLANE_OBSERVABILITY)
+    if prior.floor_information.any():
+        degeneracy = analyze_degeneracy(information + prior.floor_information, noise)
+    return MotionUncertainty(covariance, degeneracy, shared_error, is_one_plane)
 
 
 @kernel
@@ -219,6 +219,9 @@ def _covariance_in_keyframe(
         velocity_noise: (2,), see `estimate_uncertainty`.
     """
     of_prior = prior_information(prior)
+    for i in range(6):
+        for j in range(6):
+            of_prior[i, j] += prior.floor_information[i, j]
     scatter = of_prior.copy()
     for n in range(len(scores)):
         add_outer_product(scatter, scores[n])

@@ -24,6 +24,7 @@ from vo_service.odometry.direct.motion import (
     NUM_UNKNOWNS,
     body_motion,
     compose,
+    invert,
     se3_exp,
     se3_log,
 )
@@ -63,6 +64,9 @@ UPPER_TRIANGLE = np.empty((6, 6), np.intp)
 UPPER_TRIANGLE[np.triu_indices(6)] = UPPER_TRIANGLE.T[np.triu_indices(6)] = np.arange(TRIANGLE_SIZE)
 
 
+IDENTITY, NO_INFORMATION = np.eye(4), np.zeros((6, 6))
+
+
 class MotionPrior(NamedTuple):
     """Prior of the motion, from the frames before.
 
@@ -71,12 +75,19 @@ class MotionPrior(NamedTuple):
         rate_hz: 1 / the time since that frame; with 0 it does not constrain the velocity.
         motion: (9,) expected, of the keyframe's points in the keyframe's axes, see `motion`.
         information: (9,) of that motion, given the mean velocity since the last frame.
+        T_camera_keyframe: 4x4 predicted pose, by wheels or a floor.
+        pose_information: 6x6 of it, as a small motion of the keyframe's points in its axes; zero if
+            there is no such prediction.
+        floor_information: 6x6, the part of it that a floor tells.
     """
 
     T_keyframe_last: Array
     rate_hz: float
     motion: Array
     information: Array
+    T_camera_keyframe: Array = IDENTITY
+    pose_information: Array = NO_INFORMATION
+    floor_information: Array = NO_INFORMATION
 
 
 @kernel
@@ -143,6 +154,7 @@ def solve_level(
             for k in range(ACCELERATION_START):
                 expected[k] = since_last[k] * prior.rate_hz
         add_motion_prior(H, g, motion, expected, information_of_prior)
+        add_pose_prior(H, g, T, prior)
         add_damping(H)
         x, twist, step_size = solve_cholesky(H, g), np.empty(6), 0.0
         for k in range(6):
@@ -396,3 +408,25 @@ def add_motion_prior(
             H[i, j] += information[i, j]
         for j in range(MOTION_SIZE):
             g[i] += information[i, 6 + j] * (motion[j] - expected[j])
+
+
+@kernel
+def add_pose_prior(H: Array, g: Array, T: Array, prior: MotionPrior) -> None:
+    """Add the prediction by wheels or a floor.
+
+    Args:
+        H: (15, 15), in and out.
+        g: (15,), in and out.
+        T: 4x4 T_camera_keyframe.
+        prior: With the prediction.
+    """
+    trace = 0.0
+    for i in range(6):
+        trace += prior.pose_information[i, i]
+    if trace == 0.0:
+        return
+    error = se3_log(compose(invert(prior.T_camera_keyframe), T))
+    for i in range(6):
+        for j in range(6):
+            H[i, j] += prior.pose_information[i, j]
+            g[i] += prior.pose_information[i, j] * error[j]

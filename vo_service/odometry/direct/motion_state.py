@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from drivers.camera import PosePrior
 from drivers.core.geometry import Array, inverse
 from drivers.core.jit import kernel
 from vo_service.odometry.direct.gauss_newton import MotionPrior, velocity_information
@@ -13,6 +14,7 @@ from vo_service.odometry.direct.motion import (
     compose,
     constant_velocity_motion,
     invert,
+    se3_adjoint,
     se3_exp,
 )
 from vo_service.odometry.direct.parameters import (
@@ -48,6 +50,7 @@ class MotionState:
             its covariance; at least the last one. 1 is as large as the covariance.
         well_constrained_stamp_s: Stamp of the last frame that constrained all six degrees of
             freedom.
+        pose_prior: What else tells of the motion to the next frame; None = nothing.
     """
 
     T_world_camera: Array
@@ -58,6 +61,7 @@ class MotionState:
     velocity_noise: Array = field(default_factory=lambda: np.full(2, np.inf))
     normalized_innovation: float = 0.0
     well_constrained_stamp_s: float = 0.0
+    pose_prior: PosePrior | None = None
 
     @classmethod
     def at_rest(cls, T_world_camera: Array, images: ImagePyramid) -> "MotionState":
@@ -71,8 +75,15 @@ class MotionState:
             well_constrained_stamp_s=images.stamp_s,
         )
 
+    @property
+    def told_motion(self) -> PosePrior | None:
+        """The `pose_prior` if it tells all of the motion."""
+        return self.pose_prior if self.pose_prior and self.pose_prior.source else None
+
     def predict_alignment(self, T_world_keyframe: Array, stamp_s: float) -> Array:
-        """4x4 T_camera_keyframe at a stamp, at constant velocity."""
+        """4x4 T_camera_keyframe at a stamp, by what tells all of the motion, or at its velocity."""
+        if self.told_motion is not None:
+            return inverse(self.predict_pose(stamp_s)) @ T_world_keyframe
         elapsed_s = stamp_s - self.stamp_s
         return _predict_alignment(self.T_world_camera, T_world_keyframe, self.velocity, elapsed_s)
 
@@ -81,12 +92,17 @@ class MotionState:
         return np.asarray(inverse(self.T_world_camera) @ T_world_keyframe, np.float64)
 
     def predict_pose(self, stamp_s: float) -> Array:
-        """4x4 pose T_world_camera at a stamp, at the velocity of the last good frame."""
+        """4x4 pose T_world_camera at a stamp, see `predict_alignment`."""
+        if self.told_motion is not None:
+            return self.T_world_camera @ self.told_motion.T_last_camera
         moved: Array = se3_exp((stamp_s - self.stamp_s) * self.velocity)
         return np.asarray(self.T_world_camera @ moved, np.float64)
 
     def motion_prior(self, T_world_keyframe: Array, stamp_s: float) -> MotionPrior:
-        """Prior of the motion at a stamp: the velocity changes no more than it did recently."""
+        """Prior of the motion at a stamp: the velocity changes no more than it did recently.
+
+        With what else tells of the motion.
+        """
         T_keyframe_last, motion, information = _predict_motion(
             self.T_world_camera,
             T_world_keyframe,
@@ -96,7 +112,17 @@ class MotionState:
         )
         elapsed_s = stamp_s - self.stamp_s
         rate_hz = 1.0 / max(elapsed_s, MIN_FRAME_INTERVAL_S) if elapsed_s > 0.0 else 0.0
-        return MotionPrior(T_keyframe_last, rate_hz, motion, information)
+        prior = MotionPrior(T_keyframe_last, rate_hz, motion, information)
+        if self.pose_prior is None:
+            return prior
+        T_camera_last = inverse(self.pose_prior.T_last_camera)
+        T_camera_keyframe = T_camera_last @ inverse(self.T_world_camera) @ T_world_keyframe
+        Ad = se3_adjoint(T_camera_keyframe)
+        return prior._replace(
+            T_camera_keyframe=T_camera_keyframe,
+            pose_information=Ad.T @ self.pose_prior.information @ Ad,
+            floor_information=Ad.T @ self.pose_prior.floor_information @ Ad,
+        )
 
     def is_stale(self, stamp_s: float) -> bool:
         """Whether the camera may be far from its predicted pose at a stamp."""
@@ -142,11 +168,14 @@ class MotionState:
             return self.gain
         return images.brightness_ratio(keyframe)
 
-    def is_recently_constrained(self, stamp_s: float) -> bool:
-        """Whether a degenerate view is acceptable at a stamp: the last good one is recent.
+    def is_predictable(self, stamp_s: float) -> bool:
+        """Whether a degenerate view is acceptable at a stamp.
 
-        Then the extrapolation is not yet too uncertain.
+        Something else tells the motion; or the last good view is recent, so that the extrapolation
+        is not yet too uncertain.
         """
+        if self.told_motion is not None:
+            return True
         return 0.0 < stamp_s - self.well_constrained_stamp_s <= MAX_EXTRAPOLATION_S
 
     @property

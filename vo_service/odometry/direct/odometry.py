@@ -36,9 +36,13 @@ from vo_service.odometry.direct.parameters import (
     MAX_LOST_S,
     MAX_PREDICTION_S,
     MIN_FIRST_KEYFRAME_POINTS,
+    MIN_FRAME_INTERVAL_S,
     REINITIALIZATIONS,
 )
-from vo_service.odometry.direct.pose_filter import fuse_with_prediction
+from vo_service.odometry.direct.pose_filter import (
+    fuse_with_prediction,
+    information_of_prediction,
+)
 from vo_service.odometry.direct.quality import (
     TrackingResult,
     degradation_reason,
@@ -52,6 +56,7 @@ from vo_service.odometry.direct.recovery import (
     KeyframeMatch,
     rejection_reason_after,
 )
+from vo_service.odometry.direct.small_matrices import invert_cholesky
 from vo_service.odometry.features.extractor import SurfExtractor
 from vo_service.types.estimate import Estimate, TrackingDebug
 from vo_service.types.odometry import NullStageTimer, StageTimer
@@ -164,7 +169,8 @@ class DirectOdometry:
         self._stamp_s = images.stamp_s
         if self._track is None:
             return self._start(frame, images, is_reset=False)
-        track, motion_state = self._track, self._track.motion_state
+        motion_state = replace(self._track.motion_state, pose_prior=frame.pose_prior)
+        track = replace(self._track, motion_state=motion_state)
         # Prediction and alignment: from where the last motion leads, coarse to fine.
         with self._timer.stage("align"):
             result = self._align(images, track)
@@ -188,7 +194,7 @@ class DirectOdometry:
             uncertainty = self._estimate_uncertainty(images, result, track)
             self._brightness_weight = self._brightness_weight.update(uncertainty.shared_error)
         reason = uncertainty.rejection_reason
-        if reason and not motion_state.is_recently_constrained(images.stamp_s):
+        if reason and not motion_state.is_predictable(images.stamp_s):
             return self._fail(frame, images, track, result, reason)
         # Filter: the measured pose is fused with the predicted one.
         result, uncertainty, normalized_innovation = fuse_with_prediction(
@@ -293,13 +299,61 @@ class DirectOdometry:
         result: TrackingResult,
         reason: str,
     ) -> Estimate:
-        """Keep the pose; after too many failures drop the keyframes and start again."""
+        """Keep the pose; after too many failures drop the keyframes and start again.
+
+        With wheels, go on by them.
+        """
         self._failures += 1
+        if track.motion_state.told_motion is not None:
+            return self._follow_wheels(frame, images, track, result, reason)
         lost_s = images.stamp_s - track.motion_state.stamp_s
         if self._failures > MAX_FAILURES and (track.is_first or lost_s > MAX_LOST_S):
             return self._start(frame, images, is_reset=True)
         return self._make_estimate(
             False, reason, make_tracking_debug(result.keyframe, result.alignment)
+        )
+
+    def _follow_wheels(
+        self,
+        frame: RgbdFrame,
+        images: ImagePyramid,
+        track: DirectTrack,
+        result: TrackingResult,
+        reason: str,
+    ) -> Estimate:
+        """Take over the predicted pose; after too many failures the keyframe is this frame."""
+        last, told = track.motion_state, track.motion_state.told_motion
+        assert told is not None
+        T_world_camera = last.predict_pose(images.stamp_s)
+        covariance = invert_cholesky(information_of_prediction(last, images.stamp_s))
+        elapsed_s = max(images.stamp_s - last.stamp_s, MIN_FRAME_INTERVAL_S)
+        velocity = se3_log(np.ascontiguousarray(told.T_last_camera)) / elapsed_s
+        motion_state = last.advance(
+            T_world_camera,
+            velocity,
+            images,
+            last.gain,
+            last.normalized_innovation,
+            last.well_constrained_stamp_s,
+        )
+        keyframe, is_next_reference = track.keyframe, False
+        if self._failures > MAX_FAILURES:
+            motion = constant_velocity_motion(velocity)
+            candidate = make_keyframe(frame, images, T_world_camera, motion, ALL_STATIC)
+            if not self._start_rejection_reason(candidate, images):
+                keyframe, is_next_reference, self._failures = candidate, True, 0
+                self._map.add(keyframe)
+        T_reference_camera = inverse(track.T_world_reference) @ T_world_camera
+        T_world_reference = T_world_camera if is_next_reference else track.T_world_reference
+        self._track = DirectTrack(keyframe, motion_state, T_world_reference)
+        self._T_world_camera = T_world_camera
+        return self._make_estimate(
+            True,
+            f"{told.source} only: {reason}",
+            make_tracking_debug(result.keyframe, result.alignment),
+            T_reference_camera,
+            covariance,
+            is_next_reference=is_next_reference,
         )
 
     def _follow_features(

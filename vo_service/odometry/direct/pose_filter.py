@@ -13,6 +13,7 @@ import numpy as np
 from drivers.core.geometry import Array
 from drivers.core.jit import kernel
 from vo_service.odometry.direct.covariance import MotionUncertainty
+from vo_service.odometry.direct.gauss_newton import NO_INFORMATION
 from vo_service.odometry.direct.motion import (
     compose,
     invert,
@@ -60,13 +61,9 @@ def fuse_with_prediction(
         the last well constrained frame.
     """
     is_degenerate = bool(uncertainty.rejection_reason)
-    extrapolated = np.zeros(6)
+    extrapolated = NO_INFORMATION
     if is_degenerate:
-        sigma_rate = np.clip(
-            motion_state.velocity_noise, MAX_VELOCITY_SIGMA, UNKNOWN_VELOCITY_SIGMA
-        )
-        sigma = (stamp_s - motion_state.well_constrained_stamp_s) * sigma_rate
-        extrapolated = np.repeat(sigma**-2.0, 3)
+        extrapolated = information_of_prediction(motion_state, stamp_s)
     T_world_camera, velocity, covariance, normalized_innovation = _fuse(
         (result.T_world_camera, result.alignment.camera_velocity),
         (motion_state.predict_pose(stamp_s), motion_state.velocity),
@@ -79,11 +76,26 @@ def fuse_with_prediction(
         is_degenerate or not motion_state.is_extrapolated,
     )
     if is_degenerate:
-        result = replace(result, degradation=uncertainty.rejection_reason)
+        told = motion_state.told_motion
+        reason = f"degenerate view: {told.source}" if told else uncertainty.rejection_reason
+        result = replace(result, degradation=reason)
         uncertainty = replace(uncertainty, covariance=covariance)
     elif motion_state.is_stale(stamp_s):
         return result, uncertainty, normalized_innovation
     return result.with_pose(T_world_camera, velocity), uncertainty, normalized_innovation
+
+
+def information_of_prediction(motion_state: MotionState, stamp_s: float) -> Array:
+    """6x6 information of the predicted pose where views have constrained too little for a while."""
+    unconstrained_s = stamp_s - motion_state.well_constrained_stamp_s
+    prior = motion_state.told_motion
+    if prior is not None:
+        # The errors of wheels add up, as they have one sign.
+        num_frames = max(unconstrained_s / max(stamp_s - motion_state.stamp_s, 1e-3), 1.0)
+        of_wheels = prior.information - prior.floor_information
+        return of_wheels / num_frames**2 + prior.floor_information
+    sigma_rate = np.clip(motion_state.velocity_noise, MAX_VELOCITY_SIGMA, UNKNOWN_VELOCITY_SIGMA)
+    return np.diag(np.repeat((unconstrained_s * sigma_rate) ** -2.0, 3))
 
 
 @kernel
@@ -120,7 +132,7 @@ def _fuse(
             adds would look like a constraint.
         T_camera_keyframe: 4x4.
         normalized_innovation: Up to the last frame, see `MotionState`.
-        extrapolated: (6,) information of the pose that is extrapolated in a degenerate view.
+        extrapolated: 6x6 information of the predicted pose in a degenerate view; else zero.
         uses_velocity: Whether the measured velocity is one.
     """
     innovation = se3_log(compose(invert(predicted[0]), measured[0]))
@@ -139,13 +151,12 @@ def _fuse(
     for i in range(6):
         for j in range(6):
             total[i, j] = prediction_share * of_covariance[i, j]
-            total[i, j] += information[i, j] / FRAME_COVARIANCE_SHARE
-        total[i, i] += extrapolated[i]
+            total[i, j] += information[i, j] / FRAME_COVARIANCE_SHARE + extrapolated[i, j]
     # Share of the innovation that is taken over: P (P + R)^-1 = (P^-1 + R^-1)^-1 R^-1.
     gain = multiply(invert_cholesky(total), information)
     for i in range(6):
-        information[i, i] += extrapolated[i]
         for j in range(6):
+            information[i, j] += extrapolated[i, j]
             gain[i, j] /= FRAME_COVARIANCE_SHARE
     # The velocity of a calm camera is averaged over more frames than its pose, as by Kalata.
     velocity, change = predicted[1].copy(), np.zeros(6)

@@ -29,12 +29,17 @@ STRAYED = np.repeat((STAMP_S - MOTION.well_constrained_stamp_s) * np.array(VELOC
 
 
 def fuse(
-    sigma: Array, observability: Array = CLEAR, way: MotionState = MOTION, off: Array = OFF
+    sigma: Array,
+    observability: Array = CLEAR,
+    way: MotionState = MOTION,
+    off: Array = OFF,
+    is_one_plane: bool = False,
 ) -> tuple[TrackingResult, MotionUncertainty]:
     """What becomes of a motion that is found with standard deviations sigma (6,)."""
     # The directions are in the camera's axes, the analysis in the keyframe's.
     axes = adjoint(inverse(make_result(off, FASTER).alignment.T_camera_keyframe))
-    uncertainty = MotionUncertainty(np.diag(sigma**2), DegeneracyAnalysis(observability, axes))
+    degeneracy = DegeneracyAnalysis(observability, axes)
+    uncertainty = MotionUncertainty(np.diag(sigma**2), degeneracy, is_one_plane=is_one_plane)
     return fuse_with_prediction(make_result(off, FASTER), uncertainty, way, STAMP_S)[:2]
 
 
@@ -59,7 +64,8 @@ def test_the_prediction_of_an_unsteady_camera_is_less_certain() -> None:
 
 
 def test_one_plane_leaves_three_directions_open() -> None:
-    _, uncertainty = fuse(np.full(6, SURE), np.array([4.0, 6.0, 11.0, 40.0, 50.0, 60.0]), STEADY)
+    weak = np.array([4.0, 6.0, 11.0, 40.0, 50.0, 60.0])
+    _, uncertainty = fuse(np.full(6, SURE), weak, STEADY, is_one_plane=True)
     assert uncertainty.rejection_reason.startswith("degenerate view: 3 of 6")
     sigma = np.sqrt(np.diag(uncertainty.covariance))
     np.testing.assert_allclose(sigma[:3], STRAYED[:3], rtol=1e-3)

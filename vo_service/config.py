@@ -24,6 +24,7 @@ from vo_service.config_tables import (
     RecorderConfig,
     RerunConfig,
     Ros2Config,
+    WheelOdometryConfig,
     ZenohConfig,
 )
 from vo_service.leveling.leveling import MIN_MOUNT_HEIGHT_M
@@ -182,6 +183,7 @@ class Config:
     frames: FramesConfig = FramesConfig()  # noqa: RUF009 (frozen)
     commands: CommandConfig = CommandConfig()  # noqa: RUF009 (frozen)
     ros2: Ros2Config = Ros2Config()  # noqa: RUF009 (frozen)
+    wheel_odometry: WheelOdometryConfig = WheelOdometryConfig()  # noqa: RUF009 (frozen)
     rerun: RerunConfig = RerunConfig()  # noqa: RUF009 (frozen)
     recorder: RecorderConfig = RecorderConfig()  # noqa: RUF009 (frozen)
     outputs: ExtraOutputsConfig = ExtraOutputsConfig()

@@ -190,16 +190,43 @@ class Ros2Config:
     namespace: Annotated[str, "namespace of the images' topics, without the first slash"] = "camera"
 
     def __post_init__(self) -> None:
-        for key, name, example in (
-            ("topic", self.topic, "vo/odom"),
-            ("namespace", self.namespace, "camera"),
-        ):
-            if not re.fullmatch(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", name, re.ASCII):
-                raise FieldError(
-                    (key,),
-                    f"{name!r} is not a valid ROS 2 {key}; use names separated by single "
-                    f"slashes, such as {example}",
-                )
+        _check_ros2_name("topic", self.topic, "vo/odom")
+        _check_ros2_name("namespace", self.namespace, "camera")
+
+
+def _check_ros2_name(key: str, name: str, example: str) -> None:
+    if not re.fullmatch(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", name, re.ASCII):
+        raise FieldError(
+            (key,),
+            f"{name!r} is not a valid ROS 2 {key}; use names separated by single "
+            f"slashes, such as {example}",
+        )
+
+
+@dataclass(frozen=True)
+class WheelOdometryConfig:
+    """`[wheel_odometry]`: the robot's wheels, a prior for views that show too little."""
+
+    enabled: Annotated[bool, "true receives it, as nav_msgs/Odometry on PREFIX/wheel_odom"] = False
+    topic: Annotated[
+        str | None,
+        "also receive it from this topic of ROS 2, without the first slash, such as odom",
+    ] = None
+    translation_sigma: Annotated[
+        float,
+        Field("standard deviation of the path, relative to it", minimum=0.001, maximum=1.0),
+    ] = 0.05
+    rotation_sigma: Annotated[
+        float,
+        Field("standard deviation of the angle turned, relative to it", minimum=0.001, maximum=1.0),
+    ] = 0.05
+    max_age_s: Annotated[float, Field("older poses are not used, s", minimum=0.02, maximum=2.0)] = (
+        0.2
+    )
+
+    def __post_init__(self) -> None:
+        if self.topic is not None:
+            _check_ros2_name("topic", self.topic, "odom")
 
 
 @dataclass(frozen=True)

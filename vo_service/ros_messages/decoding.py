@@ -110,6 +110,8 @@ def reading(payload: BytesLike, schema: str) -> Iterator[CdrReader]:
         raise ValueError(f"not a {schema} message: {error}") from error
 
 
+# A quaternion whose length differs by more is not a rotation.
+MAX_LENGTH_ERROR = 1e-2
 # position 3, quaternion 4, covariance 36, twist 6, covariance 36
 _ODOMETRY_NUMBERS = 85
 # translation 3, quaternion 4
@@ -120,12 +122,16 @@ def decode_odometry(payload: BytesLike) -> OdometryMessage:
     """Decode a message from `encode_odometry` or any ROS 2 node.
 
     Raises:
-        ValueError: The bytes are not a little-endian Odometry message.
+        ValueError: The bytes are not a little-endian Odometry message, or its quaternion does not
+            have length 1.
     """
     with reading(payload, ODOMETRY_SCHEMA) as reader:
         stamp_s, frame_id = reader.header()
         child_frame_id = reader.string()
         numbers = reader.float64s(_ODOMETRY_NUMBERS)
+        length = float(np.linalg.norm(numbers[3:7]))
+        if not abs(length - 1.0) <= MAX_LENGTH_ERROR:
+            raise ValueError(f"its quaternion has length {length:.3g}, not 1")
     return OdometryMessage(
         stamp_s=stamp_s,
         frame_id=frame_id,

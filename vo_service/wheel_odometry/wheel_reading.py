@@ -1,0 +1,66 @@
+"""One message of the wheels' odometry, checked."""
+
+import math
+from dataclasses import dataclass
+
+from vo_service.ros_messages.cdr import BytesLike
+from vo_service.ros_messages.decoding import decode_odometry
+from vo_service.ros_messages.navigation import OdometryMessage
+from vo_service.wheel_odometry.planar_pose import PlanarPose, PlanarTwist, planar_part
+
+# Many drivers send 0 for what they do not know, or 1e6; m^2/s^2 and rad^2/s^2.
+MIN_TWIST_VARIANCE, MAX_TWIST_VARIANCE = 1e-8, 1.0
+# Indices of forward, left and yaw in a twist.
+PLANAR_AXES = (0, 1, 5)
+# Larger positions are in other units, or not numbers of a robot.
+MAX_POSITION_M = 1e6
+
+
+@dataclass(frozen=True)
+class WheelReading:
+    """A pose of the base by its wheels.
+
+    Attributes:
+        stamp_s: Its stamp, Unix seconds.
+        frame_ids: Parent frame and frame of the base.
+        pose: The pose in the wheels' own odometry frame.
+        twist: The velocity of the base.
+        twist_variances: Of forward, left and yaw; None where the driver does not tell it.
+    """
+
+    stamp_s: float
+    frame_ids: tuple[str, str]
+    pose: PlanarPose
+    twist: PlanarTwist
+    twist_variances: tuple[float | None, float | None, float | None]
+
+
+def parse_wheel_reading(payload: BytesLike) -> WheelReading:
+    """Parse a CDR ``nav_msgs/msg/Odometry``.
+
+    Raises:
+        ValueError: It is not such a message, or its pose is not one.
+    """
+    message = decode_odometry(payload)
+    pose = planar_part(message.T_frame_child)
+    twist = PlanarTwist(*(float(message.twist[axis]) for axis in PLANAR_AXES))
+    if not all(map(math.isfinite, (*pose, *twist))):
+        raise ValueError("its pose or twist has a number that is not finite")
+    if pose.distance_m > MAX_POSITION_M:
+        raise ValueError(f"its position is {pose.distance_m:g} m away: positions are in meters")
+    return WheelReading(
+        message.stamp_s,
+        (message.frame_id, message.child_frame_id),
+        pose,
+        twist,
+        _twist_variances(message),
+    )
+
+
+def _twist_variances(message: OdometryMessage) -> tuple[float | None, float | None, float | None]:
+    forward, left, yaw = (float(message.twist_covariance[axis, axis]) for axis in PLANAR_AXES)
+    return _known_variance(forward), _known_variance(left), _known_variance(yaw)
+
+
+def _known_variance(variance: float) -> float | None:
+    return variance if MIN_TWIST_VARIANCE <= variance <= MAX_TWIST_VARIANCE else None

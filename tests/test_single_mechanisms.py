@@ -49,6 +49,7 @@ SINGLE = {
     "find_consensus": {"vo_service/odometry/features/verification.py"},
     "TokenBucket": {  # users of the one rate limiter
         "vo_service/outputs/zenoh/session_endpoints.py",
+        "vo_service/outputs/zenoh/wheel_subscription.py",
     },
 }
 

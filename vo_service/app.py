@@ -27,7 +27,12 @@ from vo_service.outputs.zenoh.output import (
     ConnectPolicy,
     ZenohOutput,
 )
-from vo_service.outputs.zenoh.session_endpoints import ExtraEndpoints
+from vo_service.outputs.zenoh.session_endpoints import (
+    ExtraEndpoints,
+    SubscribeWheels,
+    subscribe_to_no_wheels,
+)
+from vo_service.outputs.zenoh.wheel_subscription import WheelSubscription, wheel_keys
 from vo_service.service import OdometryMethod, Service, ServiceInput, ServiceStatistics
 from vo_service.signals import StopSignal
 from vo_service.terminal import set_log_level
@@ -47,6 +52,11 @@ from vo_service.types.outputs import (
     Recorder,
     SensorMemory,
     no_ground_truth,
+)
+from vo_service.wheel_odometry.wheel_odometry import (
+    NullWheelOdometry,
+    WheelOdometry,
+    WheelOdometrySource,
 )
 
 logger = logging.getLogger(__name__)
@@ -201,6 +211,30 @@ def open_mapper(config: Config) -> Mapper:
     return open_mapper(config.map)
 
 
+def make_wheel_odometry(config: Config) -> WheelOdometrySource:
+    """Make the odometry of the wheels; a `NullWheelOdometry` if it is disabled."""
+    if not config.wheel_odometry.enabled:
+        return NullWheelOdometry()
+    has_transforms = config.ros2.enabled and config.ros2.tf
+    frame_ids = (config.zenoh.odom_frame_id, config.zenoh.child_frame_id)
+    return WheelOdometry(
+        config.wheel_odometry,
+        " or ".join(_wheel_keys(config)),
+        frame_ids if has_transforms else None,
+    )
+
+
+def make_wheel_subscription(config: Config, wheel_odometry: WheelOdometrySource) -> SubscribeWheels:
+    """Make what subscribes to the messages of the wheels."""
+    if isinstance(wheel_odometry, NullWheelOdometry):
+        return subscribe_to_no_wheels
+    return WheelSubscription(_wheel_keys(config), wheel_odometry.add_message).declare
+
+
+def _wheel_keys(config: Config) -> tuple[str, ...]:
+    return wheel_keys(config.zenoh.prefix, config.wheel_odometry, config.ros2)
+
+
 def open_sensor_memory(config: Config, camera: RgbdCamera) -> SensorMemory:
     """Open the memory of sensors; a `NullSensorMemory` if it is off, fails, or has no sensor."""
     if camera.clock is Clock.RECORDED:
@@ -335,6 +369,7 @@ class ServiceDependencies:
         recorder: The flight recorder, one of the outputs.
         mapper: The mapper, one of the outputs.
         sensor_memory: The memory of learned timings, one of the outputs.
+        wheel_odometry: The motion of the base by its wheels.
         viewers: Those of the outputs that load shedding may pause.
         warning_sources: Parts besides the outputs whose warnings are in the status.
         on_command_config: Applies a changed table `[commands]`.
@@ -345,6 +380,7 @@ class ServiceDependencies:
     recorder: Recorder = field(default_factory=NullRecorder)
     mapper: Mapper = field(default_factory=NullMapper)
     sensor_memory: SensorMemory = field(default_factory=NullSensorMemory)
+    wheel_odometry: WheelOdometrySource = field(default_factory=NullWheelOdometry)
     viewers: Sequence[PausableViewer] = ()
     warning_sources: Sequence[HasWarning] = ()
     on_command_config: Callable[[CommandConfig], None] = lambda _: None
@@ -392,7 +428,7 @@ def build_live_service(
         Control(odom_frame, camera, dependencies.command_queue, dependencies.recorder, mapper),
         dependencies.outputs,
         load_shedder,
-        dependencies.warning_sources,
+        (*dependencies.warning_sources, dependencies.wheel_odometry),
         mapper.loop_closure,
     )
     return LiveService(service, make_config_handlers(camera, odometry, load_shedder, dependencies))

@@ -199,6 +199,11 @@ class Config:
                 "a planar base needs the camera's height above the floor, the third number; "
                 "kinect-vo doctor measures it",
             )
+        if self.wheel_odometry.topic == self.ros2.topic:
+            raise FieldError(
+                ("wheel_odometry", "topic"),
+                "is the topic of this program's own poses (ros2.topic); name that of the wheels",
+            )
 
 
 def _reloadable_keys() -> tuple[str, ...]:

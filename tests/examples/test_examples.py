@@ -33,6 +33,7 @@ from tests.vo_service.client.fake_service import find_free_endpoint, running_fak
 from tests.waiting import wait_until
 from vo_service import CommandRefused, PoseClient, PoseUnavailable, PoseUnavailableReason
 from vo_service.types.commands import LedCommand, PauseCommand, ResumeCommand
+from vo_service.wheel_odometry.wheel_reading import WheelReading, parse_wheel_reading
 
 pytestmark = pytest.mark.subprocess
 
@@ -189,6 +190,25 @@ def test_a_reset_command_starts_a_new_epoch_at_the_given_pose(endpoint: str) -> 
         at_the_charger = next(pose for pose in poses if pose.epoch == before.epoch + 1)
     assert at_the_charger.position_m[0] == pytest.approx(2.0, abs=0.25)
     assert at_the_charger.quaternion_xyzw[2] == pytest.approx(0.707, abs=0.05)
+
+
+@pytest.mark.zenoh
+def test_a_simulated_base_sends_its_wheels() -> None:
+    here = find_free_endpoint()
+    received: list[WheelReading] = []
+    with (
+        running_fake_service(here) as service,
+        program("simulated_base.py", "--slip", here) as base,
+    ):
+        service.session.declare_subscriber(
+            "kinect/wheel_odom",
+            lambda sample: received.append(parse_wheel_reading(sample.payload.to_bytes())),
+        )
+        base.wait_for_line(r"^\d+\.\d\d .* slip$")
+        wait_until(lambda: len(received) >= 20)
+    stamps_s = [reading.stamp_s for reading in received]
+    assert stamps_s == sorted(stamps_s)
+    assert received[-1].twist.forward_m_s == pytest.approx(0.2 * 1.02, rel=0.6)
 
 
 def test_a_command_without_a_service_is_an_error() -> None:

@@ -20,6 +20,8 @@ from vo_service.app import (
     OutputsConfig,
     ServiceDependencies,
     build_live_service,
+    make_wheel_odometry,
+    make_wheel_subscription,
     open_frames,
     open_mapper,
     open_outputs,
@@ -49,11 +51,7 @@ from vo_service.outputs.progress import ProgressOutput
 from vo_service.outputs.state_log import StateLogOutput
 from vo_service.outputs.systemd import SystemdOutput
 from vo_service.outputs.zenoh.output import ConnectWithRetry
-from vo_service.outputs.zenoh.session_endpoints import (
-    CommandEndpoint,
-    ExtraEndpoints,
-    make_command_endpoint,
-)
+from vo_service.outputs.zenoh.session_endpoints import ExtraEndpoints, make_command_endpoint
 from vo_service.signals import (
     ReloadSignal,
     StopSignal,
@@ -156,9 +154,13 @@ def _serve(
     zenoh.try_init_log_from_env()  # type: ignore[no-untyped-call]
     command_queue = CommandQueue()
     commands = make_command_endpoint(config.commands, command_queue)
+    wheel_odometry = make_wheel_odometry(config)
+    endpoints = ExtraEndpoints(
+        commands, config.ros2, make_wheel_subscription(config, wheel_odometry)
+    )
     reloader = ConfigReloader(config, request.load)
     with (
-        open_outputs(_make_outputs_config(request, config, commands, terminal)) as opened,
+        open_outputs(_make_outputs_config(request, config, endpoints, terminal)) as opened,
         closing(open_sensor_memory(config, camera)) as sensor_memory,
         closing(SystemdOutput()) as systemd,
         closing(command_queue),
@@ -170,6 +172,7 @@ def _serve(
             recorder=opened.recorder,
             mapper=opened.mapper,
             sensor_memory=sensor_memory,
+            wheel_odometry=wheel_odometry,
             viewers=opened.viewers,
             warning_sources=[reloader],
             on_command_config=commands.configure,
@@ -189,14 +192,14 @@ def _serve(
 
 
 def _make_outputs_config(
-    request: RunServiceRequest, config: Config, commands: CommandEndpoint, terminal: Terminal
+    request: RunServiceRequest, config: Config, endpoints: ExtraEndpoints, terminal: Terminal
 ) -> OutputsConfig:
     return OutputsConfig(
         playback_mode=request.pace,
         zenoh=None if request.no_publish else config.zenoh,
         frames=partial(open_frames, config),
         connect_policy=ConnectWithRetry,
-        extra_endpoints=ExtraEndpoints(commands, config.ros2),
+        extra_endpoints=endpoints,
         recorder=partial(open_recorder, config),
         mapper=partial(open_mapper, config),
         rerun=config.rerun,

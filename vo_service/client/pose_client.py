@@ -8,6 +8,7 @@ from typing import Any
 
 import zenoh
 
+from drivers.core import InputError
 from vo_service.client.connection import (
     ServiceUnavailable,
     check_command_name,
@@ -34,11 +35,21 @@ from vo_service.client.subscription import (
     require_fresh,
 )
 from vo_service.config_tables import DEFAULT_ENDPOINT
+from vo_service.ros_messages.navigation import ODOMETRY_SCHEMA
 from vo_service.types.commands import Reply, TypedCommand
 from vo_service.types.messages import JsonObject, decode_message, parse_json_message
+from vo_service.wheel_odometry.planar_pose import PlanarPose, PlanarTwist
+from vo_service.wheel_odometry.wheel_reading import (
+    TwistVariances,
+    WheelReading,
+    encode_wheel_reading,
+)
 
 # The service gives its loop five seconds for a command.
 REPLY_TIMEOUT_S = 6.0
+# Of the wheels' poses: any frame, and the robot's base.
+WHEEL_FRAME_IDS = ("wheel_odom", "base_link")
+ODOMETRY_CDR = zenoh.Encoding.APPLICATION_CDR.with_schema(ODOMETRY_SCHEMA)
 # Wait this long for the service's liveliness token; then send the query anyway.
 LIVELINESS_TIMEOUT_S = 1.0
 
@@ -208,6 +219,48 @@ class PoseClient(ServiceClient):
         reply = self._query(f"command/{name}", timeout_s, arguments)
         return {key: value for key, value in reply.items() if key != "schema"}
 
+    # The robot's base
+
+    def send_wheel_odometry(
+        self,
+        stamp_s: float,
+        x_m: float,
+        y_m: float,
+        yaw_rad: float,
+        twist: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        twist_variances: TwistVariances = (None, None, None),
+    ) -> None:
+        """Send a pose of the base by its wheels, for a service with `[wheel_odometry]`.
+
+        Does not block; while the service is not reachable, the pose is lost.
+
+        Args:
+            stamp_s: Time of the pose, Unix seconds.
+            x_m: Position in any frame that does not move, x forward at the start.
+            y_m: The same to the left.
+            yaw_rad: Angle, counterclockwise.
+            twist: Velocity forward and to the left, m/s, and of the yaw, rad/s; all 0: not known.
+            twist_variances: Their variances; None: not known.
+
+        Raises:
+            InputError: A number is not finite, or the stamp is no Unix time.
+            ServiceUnavailable: The client is closed.
+        """
+        reading = WheelReading(
+            stamp_s,
+            WHEEL_FRAME_IDS,
+            PlanarPose(x_m, y_m, yaw_rad),
+            PlanarTwist(*twist),
+            twist_variances,
+        )
+        self._check_open()
+        try:
+            payload = encode_wheel_reading(reading)
+        except ValueError as error:
+            raise InputError(f"the odometry of the wheels cannot be sent: {error}") from error
+        for session in self._connection.sessions:
+            session.put(f"{self._prefix}/wheel_odom", payload, encoding=ODOMETRY_CDR, express=True)
+
     def _query(
         self,
         name: str,
@@ -222,8 +275,11 @@ class PoseClient(ServiceClient):
     def _sessions(self, timeout_s: float) -> list[zenoh.Session]:
         """Return the session to query on, if any; waits for the service if it is not there."""
         check_timeout(timeout_s)
-        if self._state.is_closed:
-            raise ServiceUnavailable(f"{self._prefix}: this client is closed; open another")
+        self._check_open()
         is_open = bool(self._connection.sessions)
         self.wait_for_publisher(min(LIVELINESS_TIMEOUT_S, timeout_s) if is_open else timeout_s)
         return self._connection.sessions
+
+    def _check_open(self) -> None:
+        if self._state.is_closed:
+            raise ServiceUnavailable(f"{self._prefix}: this client is closed; open another")

@@ -206,3 +206,7 @@ class WheelOdometry:
         )
         fault = next(filter(None, faults), "")
         return fault and f"wheel odometry: {fault}"
+
+
+# The wheels, or none.
+WheelOdometrySource = WheelOdometry | NullWheelOdometry

@@ -3,13 +3,16 @@
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from vo_service.ros_messages.cdr import BytesLike
 from vo_service.ros_messages.decoding import decode_odometry
-from vo_service.ros_messages.navigation import OdometryMessage
+from vo_service.ros_messages.navigation import OdometryMessage, encode_odometry
 from vo_service.wheel_odometry.planar_pose import PlanarPose, PlanarTwist, planar_part
 
 # Many drivers send 0 for what they do not know, or 1e6; m^2/s^2 and rad^2/s^2.
 MIN_TWIST_VARIANCE, MAX_TWIST_VARIANCE = 1e-8, 1.0
+TwistVariances = tuple[float | None, float | None, float | None]
 # Indices of forward, left and yaw in a twist.
 PLANAR_AXES = (0, 1, 5)
 # Larger positions are in other units, or not numbers of a robot.
@@ -32,7 +35,7 @@ class WheelReading:
     frame_ids: tuple[str, str]
     pose: PlanarPose
     twist: PlanarTwist
-    twist_variances: tuple[float | None, float | None, float | None]
+    twist_variances: TwistVariances = (None, None, None)
 
 
 def parse_wheel_reading(payload: BytesLike) -> WheelReading:
@@ -57,7 +60,31 @@ def parse_wheel_reading(payload: BytesLike) -> WheelReading:
     )
 
 
-def _twist_variances(message: OdometryMessage) -> tuple[float | None, float | None, float | None]:
+def encode_wheel_reading(reading: WheelReading) -> bytes:
+    """Encode a reading as CDR ``nav_msgs/msg/Odometry``.
+
+    Raises:
+        ValueError: A number is not finite, or the stamp does not fit.
+    """
+    twist, twist_covariance = np.zeros(6), np.zeros((6, 6))
+    axes = list(PLANAR_AXES)
+    twist[axes] = reading.twist
+    twist_covariance[axes, axes] = [variance or 0.0 for variance in reading.twist_variances]
+    frame_id, child_frame_id = reading.frame_ids
+    return encode_odometry(
+        OdometryMessage(
+            stamp_s=reading.stamp_s,
+            frame_id=frame_id,
+            child_frame_id=child_frame_id,
+            T_frame_child=reading.pose.transform(),
+            pose_covariance=np.zeros((6, 6)),
+            twist=twist,
+            twist_covariance=twist_covariance,
+        )
+    )
+
+
+def _twist_variances(message: OdometryMessage) -> TwistVariances:
     forward, left, yaw = (float(message.twist_covariance[axis, axis]) for axis in PLANAR_AXES)
     return _known_variance(forward), _known_variance(left), _known_variance(yaw)
 

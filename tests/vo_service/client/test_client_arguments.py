@@ -31,6 +31,10 @@ def lone_client() -> Iterator[PoseClient]:
         lambda client: client.status(timeout_s=float("inf")),
         lambda client: client.send(TiltCommand(NAN)),
         lambda client: client.command("led", {"led": object()}),
+        lambda client: client.send_wheel_odometry(NAN, 0.0, 0.0, 0.0),
+        lambda client: client.send_wheel_odometry(1e12, 0.0, 0.0, 0.0),
+        lambda client: client.send_wheel_odometry(1.0, 0.0, 0.0, NAN),
+        lambda client: client.send_wheel_odometry(1.0, 0.0, 0.0, 0.0, (NAN, 0.0, 0.0)),
     ],
 )
 def test_invalid_arguments_are_rejected_in_one_line_by_the_client(
@@ -57,7 +61,12 @@ def test_an_invalid_command_name_is_not_sent(lone_client: PoseClient, name: str)
 @pytest.mark.zenoh
 @pytest.mark.parametrize(
     "call",
-    [PoseClient.query_latest, lambda client: client.send(PauseCommand()), PoseClient.schemas],
+    [
+        PoseClient.query_latest,
+        lambda client: client.send(PauseCommand()),
+        PoseClient.schemas,
+        lambda client: client.send_wheel_odometry(1.0, 0.0, 0.0, 0.0),
+    ],
 )
 def test_a_closed_client_raises_an_error(call: Call) -> None:
     client = PoseClient(connect=find_free_endpoint())

@@ -99,6 +99,20 @@ def test_a_robot_cannot_command_another(network: TlsNetwork, robot1: zenoh.Sessi
         assert query_replies(robot2, "robot1/latest") == []
 
 
+def test_nobody_in_the_fleet_sends_the_odometry_of_a_robots_wheels(
+    network: TlsNetwork, robot1: zenoh.Session
+) -> None:
+    received: list[bytes] = []
+    robot1.declare_subscriber(
+        "robot1/wheel_odom", lambda sample: received.append(sample.payload.to_bytes())
+    )
+    with network.open_session("operator-tls.json5", "ours/operator") as operator:
+        for _ in range(20):
+            operator.put("robot1/wheel_odom", b"forged")
+            wait_until(lambda: query_replies(operator, "robot1/command/reset") == [b"done"])
+    assert received == []
+
+
 def test_readers_see_the_liveliness_of_robots(network: TlsNetwork, robot1: zenoh.Session) -> None:
     def alive() -> list[str]:
         replies = session.liveliness().get("*/alive", timeout=60)

@@ -122,6 +122,25 @@ def test_other_clients_cannot_publish_poses(network: TlsNetwork, robot: TlsRobot
     assert is_contiguous(received)
 
 
+def test_only_programs_on_the_robot_send_the_odometry_of_its_wheels(
+    network: TlsNetwork, robot: TlsRobot
+) -> None:
+    here = ZenohConfig(listen=(), connect=(f"tcp/{HOST}:{network.local_port}",))
+    with (
+        open_session(here) as local,
+        network.open_session("operator-tls.json5", "ours/operator") as operator,
+        receive_pose_numbers(operator),
+    ):
+
+        def has_received() -> bool:
+            operator.put("kinect/wheel_odom", b"forged")
+            local.put("kinect/wheel_odom", b"wheels")
+            return len(robot.wheel_messages) > 30
+
+        wait_until(has_received)
+    assert set(robot.wheel_messages) == {b"wheels"}
+
+
 def _has_more_than(received: list[int], count: int) -> bool:
     return len(received) > count
 

@@ -18,6 +18,7 @@ from vo_service.control import CommandQueue
 from vo_service.outputs.zenoh.output import ZenohOutput
 from vo_service.outputs.zenoh.session import open_session
 from vo_service.outputs.zenoh.session_endpoints import ExtraEndpoints, make_command_endpoint
+from vo_service.outputs.zenoh.wheel_subscription import WheelSubscription, wheel_key
 from vo_service.tools.certificates import CertificateAuthority
 from vo_service.types.commands import Command, PausedReply
 from vo_service.types.odometry_update import OdometryUpdate
@@ -95,11 +96,14 @@ class TlsRobot:
     def __init__(self, file: Path, make_update: Callable[..., OdometryUpdate]) -> None:
         self.stop = threading.Event()
         self.executed: list[Command] = []
+        self.wheel_messages: list[bytes] = []
         self._make_update = make_update
         self._command_queue = CommandQueue()
         commands = make_command_endpoint(CommandConfig(), self._command_queue)
         config = ZenohConfig(config_file=file)
-        self._output = ZenohOutput(config, extra_endpoints=ExtraEndpoints(commands))
+        wheels = WheelSubscription((wheel_key(config.prefix),), self.wheel_messages.append)
+        endpoints = ExtraEndpoints(commands, subscribe_wheels=wheels.declare)
+        self._output = ZenohOutput(config, extra_endpoints=endpoints)
 
     def put(self, key: str, payload: bytes) -> None:
         """Publish something on the session of the poses."""

@@ -120,18 +120,17 @@ def test_a_full_turn_is_uncertain_though_its_motion_is_small() -> None:
     assert motion.sigmas[5] > 0.3
 
 
-@pytest.mark.parametrize("variance", [0.0, 1e-9, 1e6, np.inf])
+@pytest.mark.parametrize("variance", [0.0, 1e-9, 1e6])
 def test_a_variance_that_no_driver_knows_is_not_used(variance: float) -> None:
     wheels, usual = wheel_odometry(), wheel_odometry()
-    covariance = np.diag(np.full(6, variance if np.isfinite(variance) else 2.0))
-    drive(wheels, times(0.0, 1.0), twist_covariance=covariance)
+    drive(wheels, times(0.0, 1.0), variances=(variance, variance, variance))
     drive(usual, times(0.0, 1.0))
     assert between(wheels, 0.3, 0.4).sigmas.tolist() == between(usual, 0.3, 0.4).sigmas.tolist()
 
 
 def test_the_driver_tells_the_variance_of_its_twist() -> None:
     wheels = wheel_odometry()
-    drive(wheels, times(0.0, 1.0), twist_covariance=np.diag([0.04, 0.0, 0.0, 0.0, 0.0, 0.01]))
+    drive(wheels, times(0.0, 1.0), variances=(0.04, None, 0.01))
     sigmas = between(wheels, 0.5, 0.6).sigmas
     assert sigmas[0] == pytest.approx(0.2 * 0.1 + 0.0005)
     assert sigmas[5] == pytest.approx(0.1 * 0.1 + 0.001)

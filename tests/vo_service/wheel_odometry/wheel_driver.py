@@ -1,15 +1,18 @@
 """A driver of wheels for tests: messages of a drive at a constant twist."""
 
 from collections.abc import Iterable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from vo_service.config_tables import WheelOdometryConfig
-from vo_service.ros_messages.navigation import OdometryMessage, encode_odometry
 from vo_service.wheel_odometry.planar_pose import PlanarPose, PlanarTwist
 from vo_service.wheel_odometry.wheel_odometry import WheelMotion, WheelOdometry
+from vo_service.wheel_odometry.wheel_reading import (
+    TwistVariances,
+    WheelReading,
+    encode_wheel_reading,
+)
 
 START_S = 1_700_000_000.0
 FRAME_S = 1 / 30
@@ -22,18 +25,16 @@ def wheel_odometry(**changes: Any) -> WheelOdometry:
     return WheelOdometry(WheelOdometryConfig(True, **changes), "kinect/wheel_odom")
 
 
-def wheel_message(stamp_s: float, pose: PlanarPose, twist: PlanarTwist, **changes: Any) -> bytes:
-    """Encode a message of a driver that tells no covariance."""
-    message = OdometryMessage(
-        stamp_s=stamp_s,
-        frame_id="wheel_odom",
-        child_frame_id="base_link",
-        T_frame_child=pose.transform(),
-        pose_covariance=np.zeros((6, 6)),
-        twist=np.array([twist.forward_m_s, twist.left_m_s, 0.0, 0.0, 0.0, twist.yaw_rad_s]),
-        twist_covariance=np.zeros((6, 6)),
-    )
-    return encode_odometry(replace(message, **changes))
+def wheel_message(
+    stamp_s: float,
+    pose: PlanarPose,
+    twist: PlanarTwist,
+    frame_id: str = "wheel_odom",
+    variances: TwistVariances = (None, None, None),
+) -> bytes:
+    """Encode a message of a driver."""
+    frame_ids = (frame_id, "base_link")
+    return encode_wheel_reading(WheelReading(stamp_s, frame_ids, pose, twist, variances))
 
 
 def pose_at(time_s: float, twist: PlanarTwist = CURVE) -> PlanarPose:

@@ -299,6 +299,15 @@ def _read_payload(query: zenoh.Query) -> bytes:
     return payload.to_bytes()
 
 
+# Subscribes to the messages of the wheels on a new session; returns the threads.
+SubscribeWheels = Callable[[zenoh.Session], list[threading.Thread]]
+
+
+def subscribe_to_no_wheels(session: zenoh.Session) -> list[threading.Thread]:
+    """Subscribe to nothing."""
+    return []
+
+
 THREAD_JOIN_TIMEOUT_S = 0.5
 
 
@@ -309,12 +318,14 @@ class ExtraEndpoints:
     Attributes:
         commands: Receives commands.
         ros2: Topics for ROS 2.
+        subscribe_wheels: Subscribes to the wheels on each new session; returns its threads.
         on_session: Called with each new session, to declare more on it.
         on_pose: Called with each update once its pose is sent, on the thread that sends poses.
     """
 
     commands: CommandEndpoint = field(default_factory=NullCommandEndpoint)
     ros2: Ros2Config = Ros2Config()  # noqa: RUF009 (frozen)
+    subscribe_wheels: SubscribeWheels = subscribe_to_no_wheels
     on_session: Callable[[zenoh.Session], None] = lambda _: None
     on_pose: Callable[[OdometryUpdate], None] = lambda _: None
 
@@ -362,6 +373,7 @@ class SessionEndpoints:
         self._ros2 = _open_ros2(session, config)
         self._threads = config.queryables.declare(session)
         self._threads += config.extra.commands.declare(session, prefix)
+        self._threads += config.extra.subscribe_wheels(session)
         config.extra.on_session(session)
         self._alive = session.liveliness().declare_token(f"{prefix}/alive")
 

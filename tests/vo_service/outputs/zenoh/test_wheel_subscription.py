@@ -1,0 +1,100 @@
+"""Messages of the wheels over real Zenoh, on the session of the poses."""
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+
+import pytest
+import zenoh
+
+from tests.vo_service.outputs.zenoh.query_helpers import config, connected_session
+from tests.waiting import wait_until
+from vo_service.config_tables import Ros2Config, WheelOdometryConfig
+from vo_service.outputs.zenoh.output import LIVE_QOS, ZenohOutput
+from vo_service.outputs.zenoh.ros2 import ODOMETRY, RosTopic
+from vo_service.outputs.zenoh.session_endpoints import ExtraEndpoints
+from vo_service.outputs.zenoh.wheel_subscription import (
+    MAX_MESSAGE_BYTES,
+    WheelSubscription,
+    wheel_keys,
+)
+from vo_service.types.odometry_update import OdometryUpdate
+
+pytestmark = pytest.mark.zenoh
+
+KEY = "kinect/wheel_odom"
+
+
+@contextmanager
+def output_with_wheels(
+    port: int, on_message: Callable[[bytes], None], keys: tuple[str, ...] = (KEY,)
+) -> Iterator[tuple[ZenohOutput, zenoh.Session]]:
+    """Run an output that subscribes to wheels; yield it and a session that sends."""
+    wheels = WheelSubscription(keys, on_message)
+    extras = ExtraEndpoints(subscribe_wheels=wheels.declare)
+    with (
+        closing(ZenohOutput(config(port), LIVE_QOS, extra_endpoints=extras)) as output,
+        connected_session(port) as session,
+    ):
+        yield output, session
+
+
+def wait_for_subscription(session: zenoh.Session, key: str = KEY) -> None:
+    publisher = session.declare_publisher(key)
+    wait_until(lambda: publisher.matching_status.matching)  # type: ignore[attr-defined]
+
+
+def test_messages_are_received_in_order(free_port: int) -> None:
+    received: list[bytes] = []
+    with output_with_wheels(free_port, received.append) as (_, session):
+        wait_for_subscription(session)
+        for number in range(10):
+            session.put(KEY, b"%d" % number)
+            wait_until(lambda: len(received) > number)  # noqa: B023 (called at once)
+    assert received == [b"%d" % number for number in range(10)]
+
+
+def test_a_message_that_is_far_too_long_is_not_handed_over(free_port: int) -> None:
+    received: list[bytes] = []
+    with output_with_wheels(free_port, received.append) as (_, session):
+        wait_for_subscription(session)
+        session.put(KEY, bytes(MAX_MESSAGE_BYTES + 1))
+        session.put(KEY, b"short")
+        wait_until(lambda: bool(received))
+    assert received == [b"short"]
+
+
+def test_a_flood_delays_no_pose_and_the_newest_message_arrives(
+    free_port: int, make_update: Callable[..., OdometryUpdate]
+) -> None:
+    received: list[bytes] = []
+    poses = threading.Semaphore(0)
+    with output_with_wheels(free_port, received.append) as (output, session):
+        wait_for_subscription(session)
+        session.declare_subscriber("kinect/odom", lambda _: poses.release())
+        assert output.wait_for_subscriber(20)
+        for number in range(5000):
+            session.put(KEY, b"%d" % number)
+        for seq in range(20):
+            output.on_update(make_update(seq))
+            assert poses.acquire(timeout=100)
+        wait_until(lambda: b"4999" in received)
+    assert len(received) < 5000
+    assert output.dropped == output.errors == 0
+
+
+def test_a_topic_of_ros_2_is_read_by_both_of_its_bridges(free_port: int) -> None:
+    topic = RosTopic("robot/odom", ODOMETRY, 10)
+    keys = wheel_keys("kinect", WheelOdometryConfig(True, "robot/odom"), Ros2Config(domain_id=7))
+    received: set[bytes] = set()
+    with output_with_wheels(free_port, received.add, keys) as (_, session):
+        for key in (KEY, topic.bridge_key, topic.rmw_key(7)):
+            wait_for_subscription(session, key)
+            session.put(key, key.encode())
+        session.put(topic.rmw_key(8), b"another domain")
+        wait_until(lambda: len(received) == 3)
+    assert received == {each.encode() for each in (KEY, topic.bridge_key, topic.rmw_key(7))}
+
+
+def test_without_a_topic_only_our_key_is_read() -> None:
+    assert wheel_keys("robot1", WheelOdometryConfig(True), Ros2Config()) == ("robot1/wheel_odom",)

@@ -1,0 +1,68 @@
+"""The subscription to the odometry of a robot's wheels, on the session of poses and commands."""
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import zenoh
+
+from drivers.core.rate_limits import TokenBucket
+from vo_service.config_tables import Ros2Config, WheelOdometryConfig
+from vo_service.outputs.zenoh.ros2 import ODOMETRY
+
+# Many messages must not take CPU time from the poses: Zenoh drops the oldest, without Python code.
+MAX_PENDING, MAX_PER_SECOND = 16, 200.0
+# A message has less than a kilobyte.
+MAX_MESSAGE_BYTES = 65_536
+
+
+@dataclass(frozen=True)
+class WheelSubscription:
+    """Hands the messages of some keys over, each key on a thread that ends with the session.
+
+    Attributes:
+        keys: The keys.
+        on_message: Takes the payload of each message; it must not raise or block.
+    """
+
+    keys: tuple[str, ...]
+    on_message: Callable[[bytes], None]
+
+    def declare(self, session: zenoh.Session) -> list[threading.Thread]:
+        """Subscribe on a new session; return the threads."""
+        return [self._subscribe(session, key) for key in self.keys]
+
+    def _subscribe(self, session: zenoh.Session, key: str) -> threading.Thread:
+        subscriber = session.declare_subscriber(key, zenoh.handlers.RingChannel(MAX_PENDING))
+        thread = threading.Thread(
+            target=self._receive, args=(subscriber,), name=f"zenoh-{key}", daemon=True
+        )
+        thread.start()
+        return thread
+
+    def _receive(self, subscriber: zenoh.Subscriber[zenoh.Handler[zenoh.Sample]]) -> None:
+        rate_limit = TokenBucket(MAX_PER_SECOND)
+        samples = subscriber.handler
+        while True:
+            time.sleep(rate_limit.seconds_until_next())
+            try:
+                payload = samples.recv().payload
+            except zenoh.ZError:  # the session has closed
+                return
+            rate_limit.try_acquire()
+            if len(payload) <= MAX_MESSAGE_BYTES:
+                self.on_message(payload.to_bytes())
+
+
+def wheel_key(prefix: str) -> str:
+    """Return the key of a service's wheels."""
+    return f"{prefix}/wheel_odom"
+
+
+def wheel_keys(prefix: str, config: WheelOdometryConfig, ros2: Ros2Config) -> tuple[str, ...]:
+    """Return the keys to subscribe to: ours, and those of a topic of ROS 2 by both bridges."""
+    if config.topic is None:
+        return (wheel_key(prefix),)
+    rmw_key = f"{ros2.domain_id}/{config.topic}/{ODOMETRY.dds_name}/*"
+    return wheel_key(prefix), config.topic, rmw_key

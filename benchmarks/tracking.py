@@ -87,13 +87,24 @@ class TrackedSequence:
         return int(self.epochs[-1]) if len(self.epochs) else 0
 
 
-def track(method: str, frames: Iterable[RgbdFrame]) -> TrackedSequence:
-    """Track all frames, with the states that the service would publish."""
-    odometry, tracker = METHODS[method](MethodConfig(), CpuStageTimer()), OdomFrame()
+def track(
+    method: str, frames: Iterable[RgbdFrame], odom_frame: OdomFrame | None = None
+) -> TrackedSequence:
+    """Track all frames, with the states that the service would publish.
+
+    Args:
+        method: The method.
+        frames: The frames.
+        odom_frame: With the mount and the wheels of the base; None: a camera without a base.
+    """
+    odometry = METHODS[method](MethodConfig(), CpuStageTimer())
+    tracker = odom_frame or OdomFrame()
     stamps_s, estimates, states, epochs, variances, cpu_ms = [], [], [], [], [], []
-    for frame in frames:
+    for bare_frame in frames:
+        frame = tracker.add_pose_prior(bare_frame, bare_frame.stamp_s)
         estimate, spent_ms = measure_cpu_ms(partial(odometry.estimate, frame))
         update = tracker.update(StampedFrame(frame, frame.stamp_s), estimate, {}, 0.0)
+        tracker.measure_level(update)
         stamps_s.append(frame.stamp_s)
         estimates.append(estimate)
         states.append(update.state)

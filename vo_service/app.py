@@ -416,7 +416,9 @@ def build_live_service(
     camera = make_reconnecting(camera)
     timer = CpuStageTimer()
     odometry = config.odometry.make_odometry(timer)
-    odom_frame = OdomFrame(config.T_base_camera.T_base_camera, config.base.planar)
+    odom_frame = OdomFrame(
+        config.T_base_camera.T_base_camera, config.base.planar, dependencies.wheel_odometry
+    )
     load_shedder = LoadShedder(dependencies.viewers)
     load_shedder.configure(config.load)
     mapper = dependencies.mapper

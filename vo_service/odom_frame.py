@@ -17,8 +17,10 @@ from drivers.core.geometry import (
 )
 from vo_service.leveling.leveling import Leveling
 from vo_service.odometry.uncertainty import CovarianceAccumulator, diagonal_covariance
+from vo_service.pose_prior import PosePriors
 from vo_service.types.estimate import Estimate
 from vo_service.types.odometry_update import OdometryUpdate, TrackingState
+from vo_service.wheel_odometry.wheel_odometry import NullWheelOdometry, WheelOdometrySource
 
 # With fewer inliers than this, the estimated motion may be wrong: the state is degraded.
 MIN_INLIERS_TRACKING = 30
@@ -59,15 +61,24 @@ class OdomFrame:
         leveling: Keeps `odom` level.
     """
 
-    def __init__(self, T_base_camera: Array = T_BODY_CAMERA, is_planar: bool = False) -> None:
+    def __init__(
+        self,
+        T_base_camera: Array = T_BODY_CAMERA,
+        is_planar: bool = False,
+        wheels: WheelOdometrySource | None = None,
+    ) -> None:
         """Start the first epoch.
 
         Args:
             T_base_camera: 4x4 pose of the optical camera in the robot's base.
             is_planar: Whether the base stays on a level floor: z, roll and pitch of its pose are 0.
+            wheels: The odometry of its wheels; None = none.
         """
         self.leveling = Leveling(T_base_camera, is_planar)
         self._is_planar = is_planar
+        self._pose_priors = PosePriors(
+            T_base_camera, self.leveling if is_planar else None, wheels or NullWheelOdometry()
+        )
         self._T_base_camera = T_base_camera
         self._T_camera_base = inverse(T_base_camera)
         self._Ad_base_camera = adjoint(T_base_camera)
@@ -106,6 +117,15 @@ class OdomFrame:
         if T_odom_base is not None and self._is_planar:
             T_odom_base = project_to_floor(T_odom_base)
         self._pending_origin = _PendingOrigin(T_odom_base)
+
+    def add_pose_prior(self, frame: RgbdFrame, published_s: float) -> RgbdFrame:
+        """Return the next frame with what wheels and floor tell of its pose.
+
+        Args:
+            frame: The frame.
+            published_s: Its stamp on the published clock, s.
+        """
+        return self._pose_priors.add_to(frame, published_s)
 
     def update(
         self,
@@ -156,6 +176,7 @@ class OdomFrame:
         )
         self._seq += 1
         self._epoch_reason = ""
+        self._pose_priors.add_update(update)
         return update
 
     def measure_level(self, update: OdometryUpdate) -> None:

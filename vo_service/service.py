@@ -138,6 +138,8 @@ class Service:
             return
         if stamp.is_restart or self._clock.has_stepped():
             self._odom_frame.start_epoch("clock_step")
+        # Prior: what wheels and a floor tell of the motion.
+        frame = self._odom_frame.add_pose_prior(frame, self._clock.published_s(frame.stamp_s))
         # Odometry: the motion since the reference frame.
         estimate = self._odometry.estimate(frame)
         cpu_s = time.thread_time() - begin_cpu_s

@@ -147,6 +147,11 @@ class Leveling:
         self._tilt_rad = acos(min(float(base_up[2]), 1.0))
 
     @property
+    def mount_z_m(self) -> float:
+        """Height in `odom` of the camera of a planar base."""
+        return self.mount_height_m + (self._floor_z_m or 0.0)
+
+    @property
     def _is_mount_told(self) -> bool:
         return bool(self._T_base_camera[2, 3] >= MIN_MOUNT_HEIGHT_M)
 

@@ -1,0 +1,183 @@
+"""Tracking of a base by camera, floor and wheels: before bare walls, with slip, with late stamps.
+
+python -m benchmarks base FOLDER [--scenes wall wall-drive]
+"""
+
+import argparse
+import os
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.hard_cases import read_scene
+from benchmarks.harness import Table, to_mm
+from benchmarks.rendered_sequences import render_all
+from benchmarks.tracking import TrackedSequence, evaluate_trajectory, open_frames_with_truth, track
+from drivers.core.geometry import (
+    R_BODY_OPTICAL,
+    T_BODY_CAMERA,
+    Array,
+    Trajectory,
+    inverse,
+    rigid_transform,
+    so3_exp,
+    so3_log,
+)
+from vo_service.odom_frame import OdomFrame
+from vo_service.odometry.warm_up import warm_up
+from vo_service.types.odometry_update import TrackingState
+from vo_service.wheel_odometry.wheel_odometry import NullWheelOdometry, WheelMotion
+
+# The camera of the scene wall-drive is level, at this height.
+ROBOT_MOUNT = rigid_transform(R_BODY_OPTICAL, (0.0, 0.0, 1.3))
+SCENES = {"wall": T_BODY_CAMERA, "wall-drive": ROBOT_MOUNT}
+MAX_SIGMAS = 3.0
+SLIP_PERIOD_S = 5.0
+TABLE = Table(
+    *(28, "frames:8d", "degraded:10d", "lost:6d", "epochs:8d", "ATE:8.1f", "largest:9.1f"),
+    *("beyond 3 sigmas:17d", "CPU ms:8.2f"),
+)
+
+
+@dataclass(frozen=True)
+class Variant:
+    """What is known of the base.
+
+    Attributes:
+        is_planar: Whether it stays on its floor.
+        has_wheels: Whether it has wheels, with scale errors of 2 and 3 % and noise.
+        slip: Share by which they turn too far for half a second in five.
+        late_s: Error of their stamps.
+    """
+
+    is_planar: bool = False
+    has_wheels: bool = False
+    slip: float = 0.0
+    late_s: float = 0.0
+
+
+HAND_HELD = {"camera alone": Variant(), "6-DoF odometry": Variant(has_wheels=True)}
+ROBOT = {
+    "camera alone": Variant(),
+    "planar": Variant(is_planar=True),
+    "wheels": Variant(has_wheels=True),
+    "planar, wheels": Variant(is_planar=True, has_wheels=True),
+    "wheels, 40 % slip": Variant(has_wheels=True, slip=0.4),
+    "planar, wheels, 40 % slip": Variant(is_planar=True, has_wheels=True, slip=0.4),
+    "planar, wheels, 100 ms late": Variant(is_planar=True, has_wheels=True, late_s=0.1),
+}
+
+
+class SimulatedWheels(NullWheelOdometry):
+    """Wheels that tell the true motion with errors.
+
+    Args:
+        truth: True trajectory of the camera.
+        T_base_camera: 4x4 mount of the camera.
+        variant: The errors.
+    """
+
+    def __init__(self, truth: Trajectory, T_base_camera: Array, variant: Variant) -> None:
+        self._stamps_s = truth.stamps_s
+        self._T_world_base = truth.T_world_camera @ inverse(T_base_camera)
+        self._variant = variant
+        self._rng = np.random.default_rng(1)
+
+    def motion_between(self, from_s: float, to_s: float) -> WheelMotion | None:
+        """The motion of the base, as its wheels tell it."""
+        begin, end = (self._pose_at(stamp_s - self._variant.late_s) for stamp_s in (from_s, to_s))
+        T = inverse(begin) @ end
+        is_slipping = (to_s - self._stamps_s[0]) % SLIP_PERIOD_S < 0.5
+        scale = 1.02 * (1.0 + self._variant.slip * is_slipping)
+        translation_m, rotation_rad = scale * T[:3, 3], 1.03 * so3_log(T[:3, :3])
+        sigma_m = 0.05 * np.linalg.norm(T[:3, 3]) + 0.5e-3
+        sigma_rad = 0.05 * np.linalg.norm(so3_log(T[:3, :3])) + 1e-3
+        noise = 0.2 * self._rng.normal(size=6)
+        moved = rigid_transform(
+            so3_exp(rotation_rad + sigma_rad * noise[3:]), translation_m + sigma_m * noise[:3]
+        )
+        return WheelMotion(moved, np.array([sigma_m] * 3 + [sigma_rad] * 3))
+
+    def _pose_at(self, stamp_s: float) -> Array:
+        """4x4 pose of the base at a stamp, between two true ones."""
+        last = len(self._stamps_s) - 1
+        after = int(np.clip(np.searchsorted(self._stamps_s, stamp_s), 1, last))
+        begin, end = self._T_world_base[after - 1], self._T_world_base[after]
+        step_s = self._stamps_s[after] - self._stamps_s[after - 1]
+        share = np.clip((stamp_s - self._stamps_s[after - 1]) / step_s, 0.0, 1.0)
+        T = inverse(begin) @ end
+        moved = rigid_transform(so3_exp(share * so3_log(T[:3, :3])), share * T[:3, 3])
+        moved_base: Array = begin @ moved
+        return moved_base
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument("folder", type=Path, help="folder of the sequences")
+    parser.add_argument("--scenes", nargs="+", choices=SCENES, default=list(SCENES))
+
+
+def main(args: argparse.Namespace) -> None:
+    """Track the scenes with what is known of the base: a table with one row for each.
+
+    "beyond 3 sigmas" counts the frames with a pose whose error exceeds three of its standard
+    deviations, in position. FOLDER stores the sequences, which are rendered the first time. ATE and
+    largest error are in millimeters.
+    """
+    args.folder.mkdir(parents=True, exist_ok=True)
+    render_all(
+        {args.folder / name: read_scene(name) for name in args.scenes}, print, os.cpu_count() or 1
+    )
+    warm_up("direct", lambda stage: None)
+    print(TABLE.head)
+    for name in args.scenes:
+        for label, variant in (HAND_HELD if name == "wall" else ROBOT).items():
+            print(
+                track_variant(f"{name}: {label}", args.folder / name, SCENES[name], variant),
+                flush=True,
+            )
+
+
+def track_variant(label: str, folder: Path, T_base_camera: Array, variant: Variant) -> str:
+    """Track a scene; return a line of the table."""
+    with open_frames_with_truth(folder) as (frames, truth):
+        wheels = SimulatedWheels(truth, T_base_camera, variant) if variant.has_wheels else None
+        odom_frame = OdomFrame(T_base_camera, variant.is_planar, wheels)
+        tracked = track(
+            "direct", (replace(frame, gravity_m_s2=None) for frame in frames), odom_frame
+        )
+    evaluation = evaluate_trajectory(tracked.estimates, tracked.stamps_s, truth)
+    return TABLE.row(
+        label,
+        len(tracked.stamps_s),
+        tracked.states.count(TrackingState.DEGRADED),
+        tracked.states.count(TrackingState.LOST),
+        tracked.resets,
+        to_mm(None if evaluation is None else evaluation.ate_rmse_m),
+        to_mm(None if evaluation is None else evaluation.ate_max_m),
+        count_overconfident(tracked, truth),
+        float(np.median(tracked.cpu_ms)),
+    )
+
+
+def count_overconfident(tracked: TrackedSequence, truth: Trajectory) -> int:
+    """Count frames with a pose whose position is off by more than three standard deviations.
+
+    The error is that of the motion since the first frame of the epoch.
+    """
+    at_stamp = {
+        round(stamp_s, 6): T
+        for stamp_s, T in zip(truth.stamps_s, truth.T_world_camera, strict=True)
+    }
+    count, epoch, T_start, T_start_true = 0, -1, np.eye(4), np.eye(4)
+    for n, estimate in enumerate(tracked.estimates):
+        T_true = at_stamp.get(round(float(tracked.stamps_s[n]), 6))
+        if not estimate.ok or T_true is None:
+            continue
+        if tracked.epochs[n] != epoch:
+            epoch, T_start, T_start_true = tracked.epochs[n], estimate.T_world_camera, T_true
+        moved = inverse(T_start) @ estimate.T_world_camera
+        error = inverse(inverse(T_start_true) @ T_true) @ moved
+        count += bool(np.linalg.norm(error[:3, 3]) > MAX_SIGMAS * tracked.position_sigmas_m[n])
+    return count

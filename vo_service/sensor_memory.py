@@ -82,6 +82,10 @@ class RememberedSensor:
     focal_length: Annotated[
         RememberedFocalLength | None, "of the color camera; unset until it is certain"
     ] = None
+    accelerometer_bias_m_s2: Annotated[
+        tuple[float, float, float] | None,
+        "bias of the accelerometer in camera axes; unset until a floor has shown it",
+    ] = None
 
     @property
     def timing_prior(self) -> TimingPrior:
@@ -102,6 +106,8 @@ class RememberedSensor:
         if self.focal_length is not None:
             prior = self.focal_length.prior_for(frame.camera.fx)
             frame = frame if prior is None else replace(frame, focal_prior=prior)
+        if self.accelerometer_bias_m_s2 is not None:
+            frame = replace(frame, accelerometer_bias_m_s2=self.accelerometer_bias_m_s2)
         return self._apply_timing(frame)
 
     def _apply_timing(self, frame: RgbdFrame) -> RgbdFrame:
@@ -123,6 +129,8 @@ class RememberedSensor:
             or abs(focal_length.fx - focal_before.fx) > SAME_FOCAL_PX
             or abs(focal_length.scale - focal_before.scale) > focal_length.sigma
         ):
+            return True
+        if (self.accelerometer_bias_m_s2 is None) != (before.accelerometer_bias_m_s2 is None):
             return True
         return (
             abs(self.readout_s - before.readout_s) > self.readout_sigma_s
@@ -198,6 +206,9 @@ def write_remembered_sensor(folder: Path, sensor: RememberedSensor) -> None:
         f"serial = {_quote_toml(sensor.serial)}",
         *_format_numbers(sensor),
     ]
+    if sensor.accelerometer_bias_m_s2 is not None:
+        values = [round(value, _DIGITS) for value in sensor.accelerometer_bias_m_s2]
+        lines.append(f"accelerometer_bias_m_s2 = {values!r}")
     if sensor.focal_length is not None:
         lines += ["", "[focal_length]", *_format_numbers(sensor.focal_length)]
     text = "\n".join((*lines, ""))
@@ -322,7 +333,10 @@ class SensorFiles(OutputBase):
 
 
 def _learned_of(update: OdometryUpdate, before: RememberedSensor | None) -> RememberedSensor | None:
-    """Return what was learned until this update, and before; None if nothing is certain."""
+    """Return what was learned until this update, and before; None if nothing is certain.
+
+    The accelerometer's bias is kept with the timing.
+    """
     timing, focal_length = update.estimate.timing, update.estimate.focal_length
     if timing is None:
         return None
@@ -343,6 +357,8 @@ def _learned_of(update: OdometryUpdate, before: RememberedSensor | None) -> Reme
         timing.readout_sigma_s,
         timing.depth_offset_sigma_s,
         remembered_focal,
+        update.level.accelerometer_bias_m_s2
+        or (before.accelerometer_bias_m_s2 if before else None),
     )
 
 

@@ -10,6 +10,7 @@ from tests.vo_service.fakes import good_estimate, make_frame
 from tests.vo_service.outputs.recorder.recorder_inputs import make_update
 from vo_service.sensor_memory import RememberedFocalLength, RememberedSensor
 from vo_service.types.estimate import LEARNED_TIMING, OnlineFocalLength, OnlineTiming
+from vo_service.types.level import Level
 from vo_service.types.odometry_update import OdometryUpdate
 
 SERIAL = "A00123456789012A"
@@ -49,4 +50,5 @@ def learned_update(
         make_update(0),
         frame=sensor_frame(timing.serial),
         estimate=replace(good_estimate(np.eye(4)), timing=online, focal_length=focal_length),
+        level=Level(accelerometer_bias_m_s2=timing.accelerometer_bias_m_s2),
     )

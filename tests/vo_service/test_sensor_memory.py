@@ -92,6 +92,13 @@ def test_the_next_run_starts_with_the_learned_focal_length_at_most_1_percent_cer
         assert files.apply(sensor_frame()).focal_prior == FocalPrior(1.035, 0.013)
 
 
+def test_the_bias_of_the_accelerometer_is_remembered(tmp_path: Path) -> None:
+    bias_m_s2 = (0.21, -0.13, 0.05)
+    learn(tmp_path, replace(LEARNED, accelerometer_bias_m_s2=bias_m_s2), LEARNED)
+    with memory(tmp_path) as files:
+        assert files.apply(sensor_frame()).accelerometer_bias_m_s2 == bias_m_s2
+
+
 def test_other_intrinsics_have_no_learned_focal_length(tmp_path: Path) -> None:
     learn(tmp_path, WITH_FOCAL_LENGTH)
     frame = sensor_frame()

@@ -46,7 +46,6 @@ from drivers.freenect.bindings import (
     load_library,
 )
 from drivers.freenect.camera import FreenectCamera, make_kinect_camera
-from drivers.freenect.rectify import KinectRectifier
 from drivers.freenect.sources import KinectSource, list_kinects
 from drivers.kinect_usb.kinect_motor_unit import KinectMotorUnit
 from drivers.kinect_usb.motor_unit import MotorUnit
@@ -91,8 +90,7 @@ FIRST_FRAME_TIMEOUT_S = 15.0
 def make_kinect_without_motor() -> FreenectCamera:
     """Make the camera of the first Kinect, without motor and accelerometer."""
     settings = SensorConfig()
-    images = KinectRectifier(None, is_mirrored=False)
-    return FreenectCamera(KinectSource("", settings), images, MotorUnit(), settings)
+    return FreenectCamera(KinectSource("", settings), None, MotorUnit(), settings)
 
 
 def measure_bare_loop(seconds: float) -> float:

@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
+
 from drivers.camera import (
     CameraCounters,
     CameraState,
@@ -18,18 +20,20 @@ from drivers.camera import (
     is_serial,
 )
 from drivers.core import CameraError, CameraNotFoundError
+from drivers.freenect.bindings import DepthFormat
 from drivers.freenect.context import ImagePair
 from drivers.freenect.errors import device_hung_error, packet_loss_message
-from drivers.freenect.rectify import (
+from drivers.freenect.factory_calibration import (
     DepthFilter,
     FactoryCalibration,
-    KinectRectifier,
     ValidDepthMask,
     all_depths_to_10_m,
+    kinect_properties,
 )
 from drivers.freenect.session import CaptureSession, NullSession
 from drivers.freenect.sources import DeviceSource, FakenectSource, KinectSource
 from drivers.kinect_usb.motor_unit import MotorUnit
+from drivers.rectify import CalibrationFile, Rectifier, make_rectifier
 
 # Longer than a supervisor waits before it kills the process.
 RELEASE_TIMEOUT_S = 10.0
@@ -47,23 +51,27 @@ class FreenectCamera(RgbdCamera):
 
     Args:
         source: The Kinect or the dump.
-        rectifier: Undistorts and registers the images.
+        camera_file: Camera file; None for the values of the factory, or the usual ones.
         motor_unit: The Kinect's motor, LED and accelerometer.
         settings: Applied whenever the camera is opened.
         wait_for_device: Waits a number of seconds, or less if a device is plugged in.
+
+    Raises:
+        InputError: The camera file does not fit the Kinect.
     """
 
     def __init__(
         self,
         source: DeviceSource,
-        rectifier: KinectRectifier,
+        camera_file: Path | None,
         motor_unit: MotorUnit,
         settings: SensorConfig,
         wait_for_device: Callable[[float], object] = time.sleep,
     ) -> None:
-
         self.name, self.clock = source.name, source.clock
-        self._source, self._rectifier, self._motor_unit = source, rectifier, motor_unit
+        self._source, self._motor_unit = source, motor_unit
+        self._calibration_file = CalibrationFile.read(camera_file)
+        self._rectifier = self._make_rectifier(factory_focal_px=None)
         self._settings, self._wait_for_device = settings, wait_for_device
         self._session: CaptureSession | NullSession = NullSession()
         self._depth_filter: DepthFilter = ValidDepthMask(all_depths_to_10_m())
@@ -143,8 +151,10 @@ class FreenectCamera(RgbdCamera):
     def _open(self) -> None:
         if not self._session.wait_until_ended(RELEASE_TIMEOUT_S):
             raise device_hung_error()
+        has_depth_camera = self._calibration_file.has_depth_camera
+        depth_format = DepthFormat.MM if has_depth_camera else DepthFormat.REGISTERED_MM
         self._session = CaptureSession(
-            self._source.load(), self._source, self._rectifier.depth_format, self.counters
+            self._source.load(), self._source, depth_format, self.counters
         )
         started = self._session.start()
         self._depth_filter = started.calibration.depth_filter
@@ -157,7 +167,7 @@ class FreenectCamera(RgbdCamera):
 
     def _use_factory_calibration(self, factory: FactoryCalibration | None) -> None:
         """Use the focal length in the Kinect's memory, if no camera file tells one."""
-        if factory is None or self._rectifier.has_camera_file:
+        if factory is None or self._calibration_file.path is not None:
             return
         focal_px = None
         try:
@@ -171,7 +181,13 @@ class FreenectCamera(RgbdCamera):
                     error,
                 )
             self._factory_problem = str(error)
-        self._rectifier = self._rectifier.with_factory_focal_length(focal_px)
+        self._rectifier = self._make_rectifier(focal_px)
+
+    def _make_rectifier(self, factory_focal_px: float | None) -> Rectifier:
+        file = self._calibration_file
+        return make_rectifier(
+            kinect_properties(self.name, file.has_depth_camera, factory_focal_px), file
+        )
 
     def _set_unavailable(self, error: CameraError, state: CameraState) -> None:
         """Keep the reason for missing frames in the status until the next `open`."""
@@ -179,16 +195,22 @@ class FreenectCamera(RgbdCamera):
         self._status = CameraStatus(CameraState.ABSENT if is_absent else state, str(error))
 
     def _make_frame(self, pair: ImagePair, lost_packets: int) -> RgbdFrame:
-        color, rectifier = pair.color, self._rectifier
+        color, rectifier, camera = pair.color, self._rectifier, self._rectifier.camera
+        bgr = rectifier.rectify_color(cv2.cvtColor(color.pixels, cv2.COLOR_RGB2BGR))  # type: ignore[arg-type]
+        depth = rectifier.rectify_depth(self._depth_filter(pair.depth.pixels))
+        if self._settings.mirror:
+            # Finished images, because libfreenect's registration needs unmirrored depth.
+            bgr, depth = cv2.flip(bgr, 1), cv2.flip(depth, 1)  # type: ignore[assignment]
+            camera = replace(camera, cx=camera.width - 1 - camera.cx)
         newly_lost, self._last_lost_packets = lost_packets - self._last_lost_packets, lost_packets
         return RgbdFrame(
             seq=color.seq,
             stamp_s=self._to_host_s(pair.color_s, color.receive_time_s),
             receive_time_s=max(color.receive_time_s, pair.depth.receive_time_s),
-            color_bgr=rectifier.rectify_color(color.pixels),
-            depth_raw=rectifier.rectify_depth(pair.depth.pixels, self._depth_filter),
+            color_bgr=bgr,
+            depth_raw=depth,
             depth_factor=rectifier.depth_factor,
-            camera=rectifier.camera,
+            camera=camera,
             device_stamp_s=pair.color_s,
             skew_s=pair.skew_s + rectifier.depth_offset_s,
             lost_packets=newly_lost,
@@ -210,8 +232,7 @@ def make_kinect_camera(serial: str, settings: SensorConfig, camera_file: Path | 
     from drivers.kinect_usb.usb_devices import wait_for_device
 
     source = KinectSource(serial, settings)
-    rectifier = KinectRectifier(camera_file, settings.mirror)
-    return FreenectCamera(source, rectifier, KinectMotorUnit(), settings, wait_for_device)
+    return FreenectCamera(source, camera_file, KinectMotorUnit(), settings, wait_for_device)
 
 
 def make_fakenect_camera(
@@ -224,7 +245,5 @@ def make_fakenect_camera(
     Raises:
         InputError: The camera file does not fit the Kinect.
     """
-    rectifier = KinectRectifier(camera_file, is_mirrored=False)
-    return FreenectCamera(
-        FakenectSource(folder, playback_mode), rectifier, MotorUnit(), SensorConfig()
-    )
+    source = FakenectSource(folder, playback_mode)
+    return FreenectCamera(source, camera_file, MotorUnit(), SensorConfig())

@@ -33,8 +33,8 @@ from drivers.freenect.bindings import (
     TimeValue,
 )
 from drivers.freenect.errors import start_failed_error
+from drivers.freenect.factory_calibration import FactoryCalibration
 from drivers.freenect.log import LibfreenectLog, StreamHealth
-from drivers.freenect.rectify import FactoryCalibration
 from drivers.time_sync import StampedPair, StampUnwrapper
 
 _log = logging.getLogger(__name__)

@@ -27,14 +27,14 @@ from drivers.freenect.errors import (
     open_failed_error,
     unplugged_error,
 )
-from drivers.freenect.log import LibfreenectLog
-from drivers.freenect.rectify import (
+from drivers.freenect.factory_calibration import (
     DepthFilter,
     FactoryCalibration,
     ValidDepthMask,
     all_depths_to_10_m,
     find_valid_depths_mm,
 )
+from drivers.freenect.log import LibfreenectLog
 from drivers.time_sync import MIN_IMAGE_PERIOD_S, HostClockSync
 
 

@@ -22,11 +22,11 @@ from drivers.camera import (
     is_serial,
 )
 from drivers.core import CameraError, CameraLostError, CameraNotFoundError
-from drivers.openni2.bindings import OniFrame, OpenNI2, OpenNI2Error, SensorType
+from drivers.openni2.bindings import OpenNI2, OpenNI2Error, SensorType
 from drivers.openni2.configure import configure_device, start_streams
 from drivers.openni2.device import open_device
-from drivers.openni2.rectify import CalibrationFile, make_rectifier
-from drivers.openni2.stream import IncompleteFrameError, OpenNI2Stream, decode_color, decode_depth
+from drivers.openni2.stream import IncompleteFrameError, OpenNI2Stream
+from drivers.rectify import CalibrationFile, make_rectifier
 from drivers.time_sync import HostClockSync, NearestFramePairing, StampedPair
 
 _log = logging.getLogger(__name__)
@@ -129,11 +129,13 @@ class LiveStream:
 
     def _read_stream(self, stream: OpenNI2Stream) -> ReceivedPairs:
         with stream.read_frame() as frame:
-            stamp_s = frame.stamp_us / 1e6
+            receive_time_s, stamp_s = time.monotonic(), frame.stamp_us / 1e6
             try:
+                image = stream.decode(frame)
                 if stream.sensor is SensorType.DEPTH:
-                    return self._pairing.add_depth(stamp_s, decode_depth(frame))
-                return self._pairing.add_color(stamp_s, _receive_color(frame))
+                    return self._pairing.add_depth(stamp_s, image)
+                color = ReceivedColorImage(frame.index, receive_time_s, image)
+                return self._pairing.add_color(stamp_s, color)
             except IncompleteFrameError as error:
                 _log.warning("%s: an image is skipped: %s", self._name, error)
                 self._incomplete += 1
@@ -196,15 +198,11 @@ class _SilenceTimer:
         )
 
 
-def _receive_color(frame: OniFrame) -> ReceivedColorImage:
-    return ReceivedColorImage(frame.index, time.monotonic(), decode_color(frame))
-
-
 class OpenNI2Camera(RgbdCamera):
     """A live sensor, read on the reader's thread (see `drivers.openni2`).
 
     Registration of depth and synchronous capture are enabled if the sensor supports them; for the
-    rule of registration see `drivers.openni2.rectify`. Depth and color are paired by nearest stamp.
+    rule of registration see `drivers.rectify`. Depth and color are paired by nearest stamp.
 
     Args:
         device_id: The sensor's URI or serial number; "" for the first one.
@@ -223,7 +221,6 @@ class OpenNI2Camera(RgbdCamera):
         self.name = f"openni2:{device_id}" if device_id else "openni2"
         self._device_id, self._camera_file = device_id, camera_file
         self._settings = settings or SensorConfig()
-        self._calibration_file = CalibrationFile(None, None)
         self._openni2: OpenNI2 | None = None
         self._stream: LiveStream | None = None
         self._is_open = False
@@ -236,7 +233,7 @@ class OpenNI2Camera(RgbdCamera):
             UserFacingError: If libOpenNI2 is not installed.
         """
         self.close()
-        self._calibration_file = CalibrationFile.read(self._camera_file)
+        calibration_file = CalibrationFile.read(self._camera_file)
         self._status = CameraStatus(CameraState.OPENING)
         try:
             self._openni2 = self._openni2 or OpenNI2()
@@ -244,7 +241,7 @@ class OpenNI2Camera(RgbdCamera):
                 self._openni2,
                 self.name,
                 self._device_id,
-                self._calibration_file,
+                calibration_file,
                 self._settings,
                 self.counters,
             )

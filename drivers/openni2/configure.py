@@ -14,8 +14,9 @@ from drivers.openni2.bindings import (
     VideoMode,
 )
 from drivers.openni2.device import OpenNI2Device
-from drivers.openni2.rectify import CalibrationFile, DepthRegistration, Size, SourceProperties
+from drivers.openni2.source_properties import read_source_properties
 from drivers.openni2.stream import DEPTH_FACTORS, TO_BGR, OpenNI2Stream
+from drivers.rectify import CalibrationFile, DepthRegistration, Size, SourceProperties
 
 PREFERRED_SIZE, PREFERRED_FPS = (640, 480), 30
 
@@ -88,16 +89,9 @@ def configure_device(
         _log.info("%s: cannot capture depth and color in sync; they are paired by stamp", name)
     for stream in (color, depth):
         _try_set_flag(stream, StreamProperty.MIRRORING, settings.mirror)
-    return SourceProperties(
-        name=name,
-        color_size=(color.video_mode.width, color.video_mode.height),
-        depth_size=(depth.video_mode.width, depth.video_mode.height),
-        color_fov_rad=color.fov_rad,
-        depth_factor=DEPTH_FACTORS[PixelFormat(depth.video_mode.format)],
-        registration=DepthRegistration.YES if is_registered else DepthRegistration.NO,
-        flip_color=color.is_mirrored != settings.mirror,
-        flip_depth=depth.is_mirrored != settings.mirror,
-    )
+        stream.mirror(settings.mirror)
+    registration = DepthRegistration.YES if is_registered else DepthRegistration.NO
+    return read_source_properties(name, color, depth, registration)
 
 
 def start_streams(device: OpenNI2Device, settings: SensorConfig) -> None:

@@ -4,6 +4,7 @@ import logging
 import time
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,9 +22,9 @@ from drivers.core import CameraError
 from drivers.openni2.bindings import OpenNI2, SensorType
 from drivers.openni2.oni_index import OniIndex, read_oni_index
 from drivers.openni2.oni_player import OniPlayer
-from drivers.openni2.rectify import CalibrationFile, make_rectifier
-from drivers.openni2.stream import IncompleteFrameError, decode_color, decode_depth
+from drivers.openni2.stream import IncompleteFrameError
 from drivers.pacing import HOST_CLOCK, HostClock, make_pacer
+from drivers.rectify import CalibrationFile, make_rectifier
 
 
 class OniPairReader:
@@ -33,8 +34,7 @@ class OniPairReader:
         self._player, self._index = player, index
         self._seq_of_image = {i: seq for seq, pair in enumerate(index.pairs) for i in pair}
         self._position = 0
-        self._colors: dict[int, NDArray[np.uint8]] = {}
-        self._depths: dict[int, NDArray[np.uint16]] = {}
+        self._images: dict[tuple[int, SensorType], NDArray[Any]] = {}
         self._incomplete: dict[int, IncompleteFrameError] = {}
 
     def read_pair(
@@ -53,10 +53,10 @@ class OniPairReader:
         last = max(self._index.pairs[seq])
         while self._position <= last:
             self._read_image(seq, deadline_s)
-        self._discard_before(seq)
+        self._images = {key: image for key, image in self._images.items() if key[0] >= seq}
         if seq in self._incomplete:
-            raise self._incomplete[seq]
-        return self._colors[seq], self._depths[seq]
+            raise self._incomplete.pop(seq)
+        return self._images[seq, SensorType.COLOR], self._images[seq, SensorType.DEPTH]
 
     def _read_image(self, min_seq: int, deadline_s: float) -> None:
         """Play the next image; keep it if it belongs to pair `min_seq` or a later one."""
@@ -65,20 +65,13 @@ class OniPairReader:
         self._player.wait_for_image(expected, deadline_s - time.monotonic())
         with self._player.read_image(expected) as frame:
             try:
-                if seq >= min_seq and frame.sensor == SensorType.COLOR:
-                    self._colors[seq] = decode_color(frame)
-                elif seq >= min_seq:
-                    self._depths[seq] = decode_depth(frame)
+                if seq >= min_seq:
+                    self._images[seq, expected.sensor] = self._player.decode(frame)
             except IncompleteFrameError as error:
                 self._incomplete[seq] = error
         self._position += 1
         if self._position == len(self._index.images):
             self._player.stop()
-
-    def _discard_before(self, min_seq: int) -> None:
-        for by_seq in (self._colors, self._depths, self._incomplete):
-            for seq in [seq for seq in by_seq if seq < min_seq]:
-                del by_seq[seq]
 
 
 _log = logging.getLogger(__name__)
@@ -103,9 +96,9 @@ class OniPlayback:
     ) -> None:
         self.index = read_oni_index(path)
         with ExitStack() as undo:
-            player = OniPlayer(openni2, path)
+            player = OniPlayer(openni2, path, mirror)
             undo.callback(player.close)
-            self.rectifier = make_rectifier(player.read_properties(mirror), calibration_file)
+            self.rectifier = make_rectifier(player.read_properties(), calibration_file)
             player.start()
             self._player, self._exit_stack = player, undo.pop_all()
         self._reader = OniPairReader(player, self.index)
@@ -164,7 +157,7 @@ class OniCamera(RgbdCamera):
 
     Stamps are the recording's own (usually microseconds since its start). Color and depth are
     paired by nearest stamp over the whole file, so both playback modes deliver the same frames.
-    For the rule of registration see `drivers.openni2.rectify`. Of the settings only `mirror` is
+    For the rule of registration see `drivers.rectify`. Of the settings only `mirror` is
     used; a mirrored recording is mirrored back unless it is set. A pair that cannot be read is
     skipped, counted and logged.
     """

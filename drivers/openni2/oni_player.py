@@ -5,6 +5,9 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
 
 from drivers.camera import FrameTimeout
 from drivers.core import CameraError, InputError
@@ -13,13 +16,13 @@ from drivers.openni2.bindings import (
     OniFrame,
     OpenNI2,
     OpenNI2Error,
-    PixelFormat,
     SensorType,
 )
 from drivers.openni2.device import OpenNI2Device
 from drivers.openni2.oni_index import IndexedImage
-from drivers.openni2.rectify import DepthRegistration, SourceProperties
+from drivers.openni2.source_properties import read_source_properties
 from drivers.openni2.stream import DEPTH_FACTORS, TO_BGR, OpenNI2Stream, format_name
+from drivers.rectify import DepthRegistration, SourceProperties
 
 # The next image is played only when it is read. (0 would be as fast as possible, and drops.)
 SPEED_ON_DEMAND = -1.0
@@ -30,11 +33,14 @@ IMAGE_TIMEOUT_S = 2.0
 class OniPlayer:
     """Plays a file whose index has been read.
 
+    Args:
+        mirror: Whether to mirror the images.
+
     Raises:
         InputError: If libOpenNI2 rejects the file.
     """
 
-    def __init__(self, openni2: OpenNI2, path: Path) -> None:
+    def __init__(self, openni2: OpenNI2, path: Path, mirror: bool) -> None:
         self._path = path
         with ExitStack() as undo:
             # A short and unique path: the library shares one player per path, and has no room for
@@ -55,22 +61,15 @@ class OniPlayer:
                 raise InputError(f"{path}: libOpenNI2 cannot play it: {error}") from error
             for stream in self._streams.values():
                 _check_stream(stream, path)
+                stream.mirror(mirror)
             self._exit_stack = undo.pop_all()
         self._waited_s = 0.0
 
-    def read_properties(self, mirror: bool) -> SourceProperties:
-        """Read the properties of the images; `mirror`: whether to mirror frames."""
+    def read_properties(self) -> SourceProperties:
+        """Read the properties of the images."""
         color, depth = self._streams[SensorType.COLOR], self._streams[SensorType.DEPTH]
-        return SourceProperties(
-            name=f"openni2:{self._path}",
-            color_size=(color.video_mode.width, color.video_mode.height),
-            depth_size=(depth.video_mode.width, depth.video_mode.height),
-            color_fov_rad=color.fov_rad,
-            depth_factor=DEPTH_FACTORS[PixelFormat(depth.video_mode.format)],
-            registration=DepthRegistration.UNKNOWN,
-            flip_color=color.is_mirrored != mirror,
-            flip_depth=depth.is_mirrored != mirror,
-        )
+        name = f"openni2:{self._path}"
+        return read_source_properties(name, color, depth, DepthRegistration.UNKNOWN)
 
     def start(self) -> None:
         """Start playback. Then wait for and read every image of the index, in its order."""
@@ -108,6 +107,10 @@ class OniPlayer:
                     f"{expected}"
                 )
             yield frame
+
+    def decode(self, frame: OniFrame) -> NDArray[Any]:
+        """Copy an image within the block, see `OpenNI2Stream.decode`."""
+        return self._streams[SensorType(frame.sensor)].decode(frame)
 
     def stop(self) -> None:
         """Stop after the last image; otherwise the library keeps a core busy at the file's end."""

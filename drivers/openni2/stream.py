@@ -44,22 +44,12 @@ def format_name(mode: VideoMode) -> str:
     )
 
 
-def decode_color(frame: OniFrame) -> NDArray[np.uint8]:
-    """Copy an image as (height, width, 3) uint8 BGR.
-
-    Raises:
-        IncompleteFrameError: If the image is incomplete.
-    """
+def _decode_color(frame: OniFrame) -> NDArray[np.uint8]:
     code, channels = TO_BGR[PixelFormat(frame.mode.format)]
     return cv2.cvtColor(_pixels(frame, channels), code)  # type: ignore[return-value]
 
 
-def decode_depth(frame: OniFrame) -> NDArray[np.uint16]:
-    """Copy depth as (height, width) uint16 in the stream's unit; 0 = no reading.
-
-    Raises:
-        IncompleteFrameError: The frame has the wrong size.
-    """
+def _decode_depth(frame: OniFrame) -> NDArray[np.uint16]:
     depth: NDArray[np.uint16] = _pixels(frame, 2).view(np.uint16)[..., 0].copy()
     return depth
 
@@ -78,11 +68,15 @@ def _pixels(frame: OniFrame, channels: int) -> NDArray[np.uint8]:
 
 
 class OpenNI2Stream:
-    """The image stream of one sensor. Its methods raise OpenNI2Error if a call fails."""
+    """The image stream of one sensor. Its methods raise OpenNI2Error if a call fails.
+
+    Attributes:
+        flips: Whether `decode` swaps left and right.
+    """
 
     def __init__(self, library: ctypes.CDLL, device: ctypes.c_void_p, sensor: SensorType) -> None:
         self._library, self.sensor = library, sensor
-        self.handle = ctypes.c_void_p()
+        self.handle, self.flips = ctypes.c_void_p(), False
         status = library.oniDeviceCreateStream(device, sensor, ctypes.byref(self.handle))
         check_status(library, status, f"no {sensor.name.lower()} stream")
 
@@ -106,6 +100,11 @@ class OpenNI2Stream:
             self._set_property(StreamProperty.VIDEO_MODE, mode)
 
     @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) of the images."""
+        return self.video_mode.width, self.video_mode.height
+
+    @property
     def fov_rad(self) -> tuple[float, float]:
         """Horizontal and vertical field of view; zeros if the sensor does not report them."""
         horizontal, vertical = ctypes.c_float(0.0), ctypes.c_float(0.0)
@@ -113,12 +112,11 @@ class OpenNI2Stream:
         self._read_property(StreamProperty.VERTICAL_FOV, vertical)
         return horizontal.value, vertical.value
 
-    @property
-    def is_mirrored(self) -> bool:
-        """Whether left and right are swapped; False if the sensor does not report it."""
+    def mirror(self, is_wanted: bool) -> None:
+        """Decode images mirrored or not, whether or not the sensor mirrors them."""
         mirrored = ctypes.c_int(0)
         self._read_property(StreamProperty.MIRRORING, mirrored)
-        return mirrored.value != 0
+        self.flips = (mirrored.value != 0) != is_wanted
 
     @property
     def cropping(self) -> Cropping | None:
@@ -149,6 +147,15 @@ class OpenNI2Stream:
             yield pointer.contents
         finally:
             self._library.oniFrameRelease(pointer)
+
+    def decode(self, frame: OniFrame) -> NDArray[Any]:
+        """Copy an image: (height, width, 3) uint8 BGR, or (height, width) uint16, 0 = no reading.
+
+        Raises:
+            IncompleteFrameError: If the image is incomplete.
+        """
+        image = _decode_color(frame) if self.sensor is SensorType.COLOR else _decode_depth(frame)
+        return cv2.flip(image, 1) if self.flips else image
 
     def _read_property(self, prop: StreamProperty, value: Any) -> bool:
         return read_property(self._library.oniStreamGetProperty, self.handle, prop, value)

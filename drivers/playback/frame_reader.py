@@ -1,15 +1,14 @@
 """The frames of a recording: registered, undistorted and with all that is known of them."""
 
 import time
-from collections.abc import Callable
 
-from drivers.calibration import SoftwareRegistration, Undistorter
 from drivers.camera import RgbdFrame
 from drivers.plausibility import PlausibilityCheck
 from drivers.recording.depth_enlargement import enlarge
-from drivers.recording.image_decoding import DepthImage, UnreadableFrameError
+from drivers.recording.image_decoding import UnreadableFrameError
 from drivers.recording.recorded_frames import FramePair
 from drivers.recording.recording import Recording
+from drivers.rectify import Rectifier
 
 
 class FrameReader:
@@ -22,19 +21,10 @@ class FrameReader:
     def __init__(self, recording: Recording) -> None:
         self._recording = recording
         camera = recording.calibration
-        self._pinhole, self._depth_factor = camera.pinhole, camera.depth_factor
-        self._undistorter = Undistorter(self._pinhole, camera.distortion)
-        self._register: Callable[[DepthImage], DepthImage] = self._undistort_enlarged
-        if recording.depth_camera is not None:
-            registration = SoftwareRegistration(
-                self._pinhole, recording.depth_camera, camera.depth_factor
-            )
-            self._register = registration.register
-            self._depth_factor = registration.depth_factor
-
-    def _undistort_enlarged(self, depth: DepthImage) -> DepthImage:
-        factor = self._recording.depth_enlargement
-        return self._undistorter.undistort_depth(enlarge(depth, factor))
+        timing = camera.readout_s, camera.timing_prior
+        self._rectifier = Rectifier(
+            camera, recording.depth_camera, timing, recording.intrinsics_source
+        )
 
     def read(self, pair: FramePair, seq: int) -> RgbdFrame:
         """Load one pair and make its frame.
@@ -42,21 +32,21 @@ class FrameReader:
         Raises:
             UnreadableFrameError: If an image cannot be read.
         """
-        recording, camera = self._recording, self._recording.calibration
+        recording, rectifier = self._recording, self._rectifier
         color, depth = pair.load(recording.image_size, recording.depth_size)
         return RgbdFrame(
             seq=seq,
             stamp_s=pair.color.stamp_s,
             receive_time_s=time.monotonic(),
-            color_bgr=self._undistorter.undistort_color(color),
-            depth_raw=self._register(depth),
-            depth_factor=self._depth_factor,
-            camera=self._pinhole,
-            skew_s=pair.skew_s + camera.depth_offset_s,
+            color_bgr=rectifier.rectify_color(color),
+            depth_raw=rectifier.rectify_depth(enlarge(depth, recording.depth_enlargement)),
+            depth_factor=rectifier.depth_factor,
+            camera=rectifier.camera,
+            skew_s=pair.skew_s + rectifier.depth_offset_s,
             gravity_m_s2=recording.gravity_at(pair.color.stamp_s),
             accelerometer=recording.accelerometer.newest_at(pair.color.stamp_s),
-            readout_s=camera.readout_s,
-            timing_prior=camera.timing_prior,
+            readout_s=rectifier.readout_s,
+            timing_prior=rectifier.timing_prior,
         )
 
 

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.calibration import Undistorter
 from drivers.camera import PinholeCamera
 from drivers.core.geometry import Array, rigid_transform
+from drivers.rectify import Undistorter
 from drivers.synthetic import sensors
 from drivers.synthetic.camera_motion import CameraMotion
 from drivers.synthetic.config import SyntheticConfig

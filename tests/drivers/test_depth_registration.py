@@ -11,10 +11,11 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from drivers.calibration import DepthCameraCalibration, RigidTransform, SoftwareRegistration
+from drivers.calibration import DepthCameraCalibration, RigidTransform
 from drivers.camera import MAX_DEPTH_VALUE, PinholeCamera, RgbdFrame
 from drivers.core import InputError
 from drivers.core.geometry import Array, inverse, quaternion_from_rotation, rigid_transform, so3_exp
+from drivers.rectify import SoftwareRegistration
 from tests.vo_service.odometry.synthetic_views import CAMERA, FLOOR, WALL, render_corner
 from vo_service.odometry.surf.odometry import SurfOdometry
 

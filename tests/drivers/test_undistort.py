@@ -2,8 +2,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.calibration import Undistorter
 from drivers.camera import PinholeCamera
+from drivers.rectify import Undistorter
 
 CAMERA = PinholeCamera(640, 480, 517.3, 516.5, 318.6, 255.3)
 FREIBURG1 = (0.2624, -0.9531, -0.0054, 0.0026, 1.1633)

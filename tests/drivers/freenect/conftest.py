@@ -7,15 +7,20 @@ from typing import Any
 
 import pytest
 
+from drivers.calibration import NO_DISTORTION, CameraCalibration
 from drivers.camera import SensorConfig
 from drivers.freenect.bindings import PACKAGE, SONAME
 from drivers.freenect.camera import FreenectCamera
-from drivers.freenect.rectify import KinectRectifier
 from drivers.freenect.sources import KinectSource
 from drivers.kinect_usb.motor_unit import MotorUnit
 from tests.simulators.fixtures import SimulateKinect
 from tests.simulators.kinect_simulator import IDENTITY, KinectSimulator
 from tests.simulators.requirements import require_library
+
+# A camera file with the usual values.
+KINECT_CALIBRATION = CameraCalibration(
+    640, 480, 525.0, 525.0, 319.5, 239.5, NO_DISTORTION, depth_factor=1000.0
+)
 
 MakeCamera = Callable[..., FreenectCamera]
 
@@ -37,8 +42,8 @@ def make_camera() -> Iterator[MakeCamera]:
             camera_file: Path | None = None,
             motor_unit: MotorUnit = MotorUnit(),  # noqa: B008 (nothing in it)
         ) -> FreenectCamera:
-            images = KinectRectifier(camera_file, settings.mirror)
-            camera = FreenectCamera(KinectSource(serial, settings), images, motor_unit, settings)
+            source = KinectSource(serial, settings)
+            camera = FreenectCamera(source, camera_file, motor_unit, settings)
             stack.callback(camera.close)
             return camera
 

@@ -12,7 +12,6 @@ from drivers.core import CameraError
 from drivers.freenect import camera as camera_module
 from drivers.freenect import session
 from drivers.freenect.camera import FreenectCamera
-from drivers.freenect.rectify import KinectRectifier
 from drivers.freenect.sources import KinectSource
 from drivers.kinect_usb.motor_unit import MotorUnit
 
@@ -20,9 +19,7 @@ session.START_TIMEOUT_S = camera_module.RELEASE_TIMEOUT_S = 0.5
 session.STOP_TIMEOUT_S = 0.2
 
 settings = SensorConfig()
-camera = FreenectCamera(
-    KinectSource("", settings), KinectRectifier(None, False), MotorUnit(), settings
-)
+camera = FreenectCamera(KinectSource("", settings), None, MotorUnit(), settings)
 if sys.argv[1] == "close":
     camera.open()
     camera.read(5.0)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.freenect.rectify import (
+from drivers.freenect.factory_calibration import (
     MAX_DEPTH_MM,
     MAX_FOCAL_DEVIATION,
     USUAL_COLOR_FOCAL_PX,

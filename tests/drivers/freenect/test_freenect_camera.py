@@ -6,12 +6,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.calibration import KINECT_TIMING_PRIOR, Undistorter, format_calibration
+from drivers.calibration import (
+    KINECT_TIMING_PRIOR,
+    CameraCalibration,
+    DepthCameraCalibration,
+    RigidTransform,
+    format_calibration,
+)
 from drivers.camera import CameraState, RgbdFrame, SensorConfig
-from drivers.core import CameraLostError, CameraNotFoundError
-from drivers.freenect.rectify import DEFAULT_CALIBRATION
+from drivers.core import CameraLostError, CameraNotFoundError, InputError
 from drivers.freenect.sources import list_kinects
-from tests.drivers.freenect.conftest import MakeCamera, plug_in
+from drivers.rectify import SoftwareRegistration, Undistorter
+from tests.drivers.freenect.conftest import KINECT_CALIBRATION, MakeCamera, plug_in
 from tests.simulators.fixtures import FRAME_COUNT, SimulateKinect, pattern_frame
 from tests.simulators.kinect_registration import quantize_mm
 from tests.simulators.kinect_simulator import KinectModel, KinectSimulator
@@ -19,6 +25,12 @@ from tests.waiting import wait_until
 
 # Where the color sensor's firmware keeps its automatic functions.
 SWITCHES = 0x106
+
+
+def write_file(folder: Path, calibration: CameraCalibration) -> Path:
+    file = folder / "camera.toml"
+    file.write_text(format_calibration(calibration))
+    return file
 
 
 def pattern_seq(frame: RgbdFrame) -> int:
@@ -115,8 +127,7 @@ def test_settings_are_applied_at_each_opening(
 def test_a_mirrored_camera_swaps_left_and_right_after_registration(
     kinect: KinectSimulator, make_camera: MakeCamera, tmp_path: Path
 ) -> None:
-    file = tmp_path / "camera.toml"
-    file.write_text(format_calibration(replace(DEFAULT_CALIBRATION, cx=300.0)))
+    file = write_file(tmp_path, replace(KINECT_CALIBRATION, cx=300.0))
     with make_camera(settings=SensorConfig(mirror=True), camera_file=file) as camera:
         frame = camera.read(3.0)
     mirrored = np.ascontiguousarray(frame.depth_raw[:, ::-1])
@@ -129,11 +140,9 @@ def test_the_camera_file_gives_distortion_intrinsics_and_depth_scale(
     kinect: KinectSimulator, make_camera: MakeCamera, tmp_path: Path
 ) -> None:
     bent = replace(
-        DEFAULT_CALIBRATION, fx=520.0, distortion=(0.1, -0.05, 0.0, 0.0, 0.0), depth_factor=1010.0
+        KINECT_CALIBRATION, fx=520.0, distortion=(0.1, -0.05, 0.0, 0.0, 0.0), depth_factor=1010.0
     )
-    file = tmp_path / "camera.toml"
-    file.write_text(format_calibration(bent))
-    with make_camera(camera_file=file) as camera:
+    with make_camera(camera_file=write_file(tmp_path, bent)) as camera:
         frame = camera.read(3.0)
     lens = Undistorter(bent.pinhole, bent.distortion)
     expected = [
@@ -143,15 +152,41 @@ def test_the_camera_file_gives_distortion_intrinsics_and_depth_scale(
     assert (frame.camera.fx, frame.depth_factor) == (520.0, 1010.0)
 
 
+def test_depth_with_its_own_camera_is_registered_in_software(
+    kinect: KinectSimulator, make_camera: MakeCamera, tmp_path: Path
+) -> None:
+    beside = RigidTransform((0.025, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+    depth = DepthCameraCalibration(575.8, 575.8, 319.5, 239.5, beside, scale=1.02)
+    file = write_file(tmp_path, replace(KINECT_CALIBRATION, depth=depth))
+    with make_camera(camera_file=file) as camera:
+        frame = camera.read(3.0)
+    registration = SoftwareRegistration(KINECT_CALIBRATION.pinhole, depth, 1000.0)
+    unregistered = [quantize_mm(pattern_frame(seq)[1]) for seq in range(FRAME_COUNT)]
+    expected = [registration.register(depth_mm) for depth_mm in unregistered]
+    assert any(np.array_equal(frame.depth_raw, depth_raw) for depth_raw in expected)
+    assert frame.depth_factor == pytest.approx(1000.0 / 1.02)
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"width": 600, "height": 450}, "camera.toml is for 600x450; give the camera file"),
+        ({"depth_factor": 5000.0}, "set depth_factor = 1000.0"),
+    ],
+)
+def test_a_file_for_other_images_is_rejected(
+    changed: dict[str, Any], words: str, make_camera: MakeCamera, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match=words):
+        make_camera(camera_file=write_file(tmp_path, replace(KINECT_CALIBRATION, **changed)))
+
+
 def test_the_camera_file_gives_the_timing(
     kinect: KinectSimulator, make_camera: MakeCamera, tmp_path: Path
 ) -> None:
     with make_camera() as camera:
         unknown = camera.read(3.0)
-    file = tmp_path / "camera.toml"
-    file.write_text(
-        format_calibration(replace(DEFAULT_CALIBRATION, readout_s=0.019, depth_offset_s=0.004))
-    )
+    file = write_file(tmp_path, replace(KINECT_CALIBRATION, readout_s=0.019, depth_offset_s=0.004))
     with make_camera(camera_file=file) as camera:
         frame = camera.read(3.0)
     assert (unknown.readout_s, frame.readout_s) == (0.029, 0.019)

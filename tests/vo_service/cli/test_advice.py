@@ -25,6 +25,7 @@ PRINTED_BY = {
     "drivers/calibration.py": RECORDING_COMMANDS,
     "drivers/layouts/": RECORDING_COMMANDS,
     "drivers/openni2/": ("run", "record", "calibrate", "doctor"),
+    "drivers/rectify.py": ("run", "record", "calibrate", "doctor"),
     "drivers/core/files.py": ("compare", "demo", "reconstruct"),
     "vo_service/outputs/zenoh/": ("run", "replay"),
     "vo_service/cli/devices.py": ("run", "record", "calibrate", "doctor"),  # a list for these

@@ -5,7 +5,7 @@ import threading
 import numpy as np
 import pytest
 
-from drivers.calibration import SoftwareRegistration, Undistorter, read_calibration
+from drivers.calibration import read_calibration
 from drivers.camera import (
     CameraCounters,
     CameraState,
@@ -16,6 +16,7 @@ from drivers.camera import (
     RgbdFrame,
 )
 from drivers.core import CameraError
+from drivers.rectify import SoftwareRegistration, Undistorter
 from vo_service.tools.calibration import collect_live
 from vo_service.tools.calibration.collect_live import read_frames, write_raw_camera_file
 

@@ -27,12 +27,12 @@ from benchmarks.harness import Table
 from benchmarks.service_load import make_update, measure_processor_use
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import Array
+from drivers.ros_messages.decoding import decode_odometry
 from tests.ports import free_port
 from tests.vo_service.service_process import KINECT_VO
 from vo_service.config_tables import ZenohConfig
 from vo_service.outputs.zenoh.output import LIVE_QOS, ZenohOutput
 from vo_service.outputs.zenoh.session import open_session
-from vo_service.ros_messages.decoding import decode_odometry
 from vo_service.tools.certificates import CertificateAuthority
 
 TEMPLATES = Path(__file__).parents[1] / "config" / "zenoh"

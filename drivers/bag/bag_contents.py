@@ -20,16 +20,20 @@ from drivers.bag.image_messages import (
 from drivers.core import InputError
 from drivers.recording.frame_encoding import FrameStamps
 from drivers.recording.recording import ImageTopics
+from drivers.ros_messages.cdr import STRING_SCHEMA
+from drivers.ros_messages.navigation import (
+    ODOMETRY_SCHEMA,
+    POSE_SCHEMA,
+    TRANSFORM_SCHEMA,
+    VECTOR_SCHEMA,
+)
+from drivers.ros_messages.sensors import CAMERA_INFO_SCHEMA, IMU_SCHEMA
 
-CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
-IMU = "sensor_msgs/msg/Imu"
-STRING = "std_msgs/msg/String"
-VECTOR_STAMPED = "geometry_msgs/msg/Vector3Stamped"
 POSE_TYPES = (
-    "geometry_msgs/msg/PoseStamped",
+    POSE_SCHEMA,
     "geometry_msgs/msg/PoseWithCovarianceStamped",
-    "geometry_msgs/msg/TransformStamped",
-    "nav_msgs/msg/Odometry",
+    TRANSFORM_SCHEMA,
+    ODOMETRY_SCHEMA,
 )
 # Names of the images in recordings of this program, after the namespace.
 OWN_IMAGES = ("/rgb/image_raw", "/depth_registered/image_raw", "/depth_registered/image")
@@ -99,7 +103,7 @@ def find_topics(path: Path, bag: BagFile, named: ImageTopics | None) -> BagTopic
         return next((t for t, k in types.items() if k == kind and t.endswith(suffix)), "")
 
     # A recording of this program may have images of other cameras, which were converted with it.
-    frame_stamps = one("/frame_stamps", STRING)
+    frame_stamps = one("/frame_stamps", STRING_SCHEMA)
     namespace = frame_stamps.removesuffix("/frame_stamps")
     own = [each for each in images if image_base(each) in {namespace + n for n in OWN_IMAGES}]
     color, depth = named or _find_images(path, own if frame_stamps and own else images)
@@ -114,11 +118,11 @@ def find_topics(path: Path, bag: BagFile, named: ImageTopics | None) -> BagTopic
         _info_topic(color, types),
         _info_topic(depth, types),
         tuple(t for t, kind in types.items() if kind in TF_MESSAGE_TYPES),
-        tuple(t for t, kind in types.items() if kind == IMU),
-        one(f"{namespace}/gravity", VECTOR_STAMPED) if is_own else "",
+        tuple(t for t, kind in types.items() if kind == IMU_SCHEMA),
+        one(f"{namespace}/gravity", VECTOR_SCHEMA) if is_own else "",
         next((t for t in poses if any(word in t.lower() for word in TRUTH_WORDS)), ""),
         frame_stamps if is_own else "",
-        one("/camera_file", STRING) if is_own or not frame_stamps else "",
+        one("/camera_file", STRING_SCHEMA) if is_own or not frame_stamps else "",
     )
 
 
@@ -142,7 +146,7 @@ def _info_topic(image: str, types: Mapping[str, str]) -> str:
     """Return the CameraInfo beside an image, or inside its topic."""
     base = image_base(image)
     candidates = (f"{base.rpartition('/')[0]}/camera_info", f"{base}/camera_info")
-    return next((each for each in candidates if types.get(each) == CAMERA_INFO), "")
+    return next((each for each in candidates if types.get(each) == CAMERA_INFO_SCHEMA), "")
 
 
 def _find_images(path: Path, images: list[str]) -> ImageTopics:
@@ -204,9 +208,6 @@ def _describe_other_topics(bag: BagFile) -> str:
         f"holds no images that can be read, but {', '.join(listed)}; images are sensor_msgs/Image "
         "or CompressedImage, in MCAP as ROS 2 writes them (encoding cdr): convert them to these"
     )
-
-
-NS_PER_S = 1_000_000_000
 
 
 @dataclass

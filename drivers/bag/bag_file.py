@@ -24,10 +24,11 @@ from rosbags.typesys.store import Typestore
 
 from drivers.bag.bag_storage import BagStorage, StorageFile
 from drivers.core import InputError
+from drivers.ros_messages.navigation import TRANSFORMS_SCHEMA
 
 # No message in CDR begins so.
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
-TF_MESSAGE_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+TF_MESSAGE_TYPES = (TRANSFORMS_SCHEMA, "tf/msg/tfMessage")
 
 
 @dataclass(frozen=True)

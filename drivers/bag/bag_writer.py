@@ -2,12 +2,13 @@
 
 from abc import ABC, abstractmethod
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, Any, Literal
 
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapLibraryWriter
+from rosbags.convert.converter import migrate_message
 from rosbags.interfaces import (
     Qos,
     QosDurability,
@@ -46,7 +47,7 @@ compression_mode: ''
 
 @dataclass(frozen=True)
 class EncodedMessage:
-    """A message as it is stored: CDR for MCAP and ROS 2.
+    """An encoded message: in CDR, or as the file of its version of ROS stores it.
 
     Attributes:
         topic: Its topic.
@@ -77,28 +78,26 @@ class BagWriter(ABC):
         self.store = store
         self._channels: dict[str, Any] = {}
 
-    def write(self, topic: str, message_type: str, log_ns: int, message: Any) -> None:
-        """Write a message.
+    def write(self, message: EncodedMessage) -> None:
+        """Write a message of ROS 2, in CDR.
 
         Raises:
             OSError: Writing fails.
         """
-        data = self.encode(topic, message_type, message)
-        self.write_encoded(EncodedMessage(topic, message_type, log_ns, data))
+        self.write_stored(message)
 
     def encode(self, topic: str, message_type: str, message: Any) -> bytes:
-        """Encode the next message of a topic.
+        """Encode the next message of a topic as it is stored.
 
         Args:
             topic: The topic.
             message_type: Its type, such as "nav_msgs/msg/Odometry".
             message: The message.
         """
-        serialize = self.store.serialize_ros1 if self.is_ros1 else self.store.serialize_cdr
-        return bytes(serialize(message, message_type))
+        return bytes(self.store.serialize_cdr(message, message_type))
 
-    def write_encoded(self, message: EncodedMessage) -> None:
-        """Write a message that is encoded already.
+    def write_stored(self, message: EncodedMessage) -> None:
+        """Write a message that is encoded as it is stored.
 
         Raises:
             OSError: Writing fails.
@@ -211,6 +210,8 @@ class Ros1Writer(RosbagsWriter):
     def __init__(self, path: Path) -> None:
         super().__init__(ros1_typestore())
         self._counts: Counter[str] = Counter()
+        self._ros2 = ros2_typestore()
+        self._migrated: dict[str, object] = {}  # a cache of rosbags
         self._writer = Ros1LibraryWriter(path)
         try:
             self._writer.open()
@@ -222,18 +223,18 @@ class Ros1Writer(RosbagsWriter):
         latching = 1 if topic == "/tf_static" else None
         return self._writer.add_connection(topic, message_type, typestore=store, latching=latching)
 
-    def encode(self, topic: str, message_type: str, message: Any) -> bytes:
-        """Encode a message; its header gets the number of the topic's messages before it.
+    def write(self, message: EncodedMessage) -> None:
+        kind = message.message_type
+        ros2 = self._ros2.deserialize_cdr(message.data, kind)
+        ros1 = migrate_message(self._ros2, self.store, kind, kind, self._migrated, ros2)
+        self.write_stored(replace(message, data=self.encode(message.topic, kind, ros1)))
 
-        Args:
-            topic: The topic.
-            message_type: Its type, such as "nav_msgs/msg/Odometry".
-            message: The message.
-        """
+    def encode(self, topic: str, message_type: str, message: Any) -> bytes:
+        """Encode a message; its header gets the number of the topic's messages before it."""
         if hasattr(message, "header"):
             message.header.seq = self._counts[topic]
             self._counts[topic] += 1
-        return super().encode(topic, message_type, message)
+        return bytes(self.store.serialize_ros1(message, message_type))
 
 
 class Ros2Writer(RosbagsWriter):

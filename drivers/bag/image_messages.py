@@ -29,6 +29,11 @@ from drivers.recording.image_decoding import (
     stored_depth,
 )
 from drivers.recording.recorded_frames import RecordedImage
+from drivers.ros_messages.sensors import (
+    COMPRESSED_DEPTH_HEADER,
+    COMPRESSED_IMAGE_SCHEMA,
+    IMAGE_SCHEMA,
+)
 
 MAX_RECENT_MESSAGES = 16
 # A message farther ahead than this is looked up by the file's index.
@@ -122,9 +127,7 @@ class MessageCursor:
         self._recent.clear()
 
 
-IMAGE = "sensor_msgs/msg/Image"
-COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
-IMAGE_TYPES = (IMAGE, COMPRESSED_IMAGE)
+IMAGE_TYPES = (IMAGE_SCHEMA, COMPRESSED_IMAGE_SCHEMA)
 DEPTH_ENCODINGS = {"16UC1": np.uint16, "mono16": np.uint16, "32FC1": np.float32}
 Encoding = tuple[type[np.generic], int, int | None]
 _COLOR_8_BITS: dict[str, Encoding] = {
@@ -155,9 +158,6 @@ COLOR_ENCODINGS: dict[str, Encoding] = {
     "yuyv": (np.uint8, 2, cv2.COLOR_YUV2BGR_YUYV),
     "yuv422_yuy2": (np.uint8, 2, cv2.COLOR_YUV2BGR_YUYV),
 }
-# compressed_depth_image_transport puts this before the image: a format, and two coefficients of
-# inverse depth, which only depth in meters uses.
-COMPRESSED_DEPTH_HEADER = struct.Struct("<iff")
 # Columns and rows.
 RVL_SIZE = struct.Struct("<II")
 # A larger median is in millimeters.

@@ -163,7 +163,7 @@ class McapRecorder(FrameRecorder):
 
     def _write_now(self, messages: Sequence[EncodedMessage]) -> None:
         for message in messages:
-            self.file.messages.write_encoded(message)
+            self.file.messages.write(message)
 
 
 class _UnbufferedStream:

@@ -58,7 +58,7 @@ class MessageCopier:
         except DAMAGE_ERRORS:  # it does not have the layout of its type
             self.left_out.add(message.topic)
         else:
-            self._writer.write_encoded(encoded)
+            self._writer.write_stored(encoded)
 
     def _add_topic(self, topic: str, types: Typestore) -> None:
         kind = self._source.types[topic]

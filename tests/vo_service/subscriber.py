@@ -13,8 +13,8 @@ import numpy as np
 import zenoh
 
 from drivers.core.geometry import Array
-from vo_service.ros_messages.decoding import decode_odometry
-from vo_service.ros_messages.navigation import OdometryMessage
+from drivers.ros_messages.decoding import decode_odometry
+from drivers.ros_messages.navigation import OdometryMessage
 
 StatusContent = Mapping[str, Any]
 

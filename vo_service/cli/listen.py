@@ -13,13 +13,13 @@ from typing import Any
 
 import zenoh
 
+from drivers.ros_messages.decoding import decode_odometry, decode_transform
+from drivers.ros_messages.navigation import OdometryMessage, TransformMessage
 from vo_service.cli.options import DEFAULT_PREFIX, ClientConfigFile, ClientPrefix, Connect
 from vo_service.cli.request import CommandRequest, flag, option
 from vo_service.client.connection import BackgroundConnection
 from vo_service.config_tables import DEFAULT_ENDPOINT, ZenohConfig, check_prefix
 from vo_service.outputs.zenoh.zenoh_config import check_endpoint
-from vo_service.ros_messages.decoding import decode_odometry, decode_transform
-from vo_service.ros_messages.navigation import OdometryMessage, TransformMessage
 
 EPILOG = """\
 examples:

@@ -13,12 +13,7 @@ import zenoh
 from numpy.typing import NDArray
 
 from drivers.core.geometry import Array, transform_from_pose
-from vo_service.client.connection import FrameUnavailable, check_timeout
-from vo_service.client.pose import Pose, PoseReader, ReceivedPose, parse_pose_sample
-from vo_service.client.subscription import ServiceClient
-from vo_service.config_tables import DEFAULT_ENDPOINT
-from vo_service.outputs.zenoh.zenoh_config import MAX_FRAME_MESSAGE_BYTES
-from vo_service.ros_messages.decoding import (
+from drivers.ros_messages.decoding import (
     decode_camera_info,
     decode_color_jpeg,
     decode_compressed_image,
@@ -26,11 +21,16 @@ from vo_service.ros_messages.decoding import (
     decode_image,
     decode_point_cloud,
 )
-from vo_service.ros_messages.sensors import (
+from drivers.ros_messages.sensors import (
     CompressedImageMessage,
     PointCloudMessage,
     RawImageMessage,
 )
+from vo_service.client.connection import FrameUnavailable, check_timeout
+from vo_service.client.pose import Pose, PoseReader, ReceivedPose, parse_pose_sample
+from vo_service.client.subscription import ServiceClient
+from vo_service.config_tables import DEFAULT_ENDPOINT
+from vo_service.outputs.zenoh.zenoh_config import MAX_FRAME_MESSAGE_BYTES
 from vo_service.types.messages import FrameAttachment, decode_message, parse_json_message
 
 
@@ -139,6 +139,7 @@ class PointCloud(Located):
     @property
     def rgb(self) -> NDArray[np.uint8]:
         """(N, 3) colors, red first."""
+        assert self._cloud.bgr is not None, "decode_point_cloud accepts no other"
         return self._cloud.bgr[:, ::-1]
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import zenoh
 
 from drivers.core.geometry import Array, quaternion_from_rotation
-from vo_service.ros_messages.decoding import decode_odometry, decode_transform
-from vo_service.ros_messages.navigation import OdometryMessage
+from drivers.ros_messages.decoding import decode_odometry, decode_transform
+from drivers.ros_messages.navigation import OdometryMessage
 from vo_service.types.messages import (
     MapOdomAttachment,
     OdomAttachment,
@@ -219,7 +219,7 @@ def parse_map_odom(sample: zenoh.Sample) -> MapOdom:
     attachment = decode_message(MapOdomAttachment, content, "a map_odom message")
     message = decode_transform(sample.payload.to_bytes())
     return MapOdom(
-        stamp_s=message.stamp_s,
+        stamp_s=float(message.stamp_s),
         frame_id=message.frame_id,
         child_frame_id=message.child_frame_id,
         T_map_odom=message.T_frame_child,

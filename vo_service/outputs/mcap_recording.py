@@ -21,20 +21,20 @@ from drivers.core.files import check_suffix, rotate_file
 from drivers.core.geometry import Array, Trajectory, inverse
 from drivers.core.queues import BlockingQueue, BoundedQueue, DropOldestQueue
 from drivers.core.write_errors import WriteError, check_disk_space, creating, is_disk_full
-from vo_service.config_tables import MIN_FREE_BYTES
-from vo_service.outputs.file_output import FileOutput
-from vo_service.ros_messages.cdr import STRING_SCHEMA, encode_string
-from vo_service.ros_messages.navigation import (
+from drivers.ros_messages.cdr import STRING_SCHEMA, encode_string
+from drivers.ros_messages.navigation import (
     ODOMETRY_SCHEMA,
     TRANSFORMS_SCHEMA,
     TransformMessage,
     encode_transforms,
 )
-from vo_service.ros_messages.sensors import (
+from drivers.ros_messages.sensors import (
     POINT_CLOUD_SCHEMA,
     PointCloudMessage,
     encode_point_cloud,
 )
+from vo_service.config_tables import MIN_FREE_BYTES
+from vo_service.outputs.file_output import FileOutput
 from vo_service.types.messages import (
     FrameIds,
     Status,
@@ -241,7 +241,7 @@ class McapOutput(FileOutput[Item]):
 
 def _transforms(topic: str, transforms: list[TransformMessage]) -> EncodedMessage:
     data = encode_transforms(transforms)
-    return _encoded(topic, TRANSFORMS_SCHEMA, transforms[0].stamp_s, data)
+    return _encoded(topic, TRANSFORMS_SCHEMA, float(transforms[0].stamp_s), data)
 
 
 def _string(topic: str, stamp_s: float, text: bytes) -> EncodedMessage:

@@ -17,7 +17,7 @@ import numpy as np
 from drivers.camera import CameraState
 from drivers.core.config import Field, TypedField, typed_fields
 from drivers.core.geometry import Array, quaternion_from_rotation
-from vo_service.ros_messages.navigation import (
+from drivers.ros_messages.navigation import (
     OdometryMessage,
     TransformMessage,
     encode_odometry,

@@ -13,10 +13,11 @@ import numpy as np
 import pytest
 from rosbags.typesys import get_types_from_msg
 
-from drivers.bag.image_messages import COMPRESSED_DEPTH_HEADER, RVL_SIZE
+from drivers.bag.image_messages import RVL_SIZE
 from drivers.core import InputError
 from drivers.playback.camera import RecordingCamera, playback_offsets_s
 from drivers.playback.recording_formats import open_recording
+from drivers.ros_messages.sensors import COMPRESSED_DEPTH_HEADER
 from tests.drivers.bag.bag_maker import (
     COMPRESSED,
     FRAME,

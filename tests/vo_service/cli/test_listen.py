@@ -13,6 +13,12 @@ import pytest
 
 from drivers.core import InputError
 from drivers.core.geometry import rigid_transform
+from drivers.ros_messages.navigation import (
+    OdometryMessage,
+    TransformMessage,
+    encode_odometry,
+    encode_transform,
+)
 from tests.forked_process import ForkedProcess
 from tests.ports import free_port
 from tests.vo_service.client.fake_service import BLOCK
@@ -21,12 +27,6 @@ from vo_service.cli import listen
 from vo_service.cli.command_line import make_parser
 from vo_service.config_tables import ZenohConfig
 from vo_service.outputs.zenoh.session import open_session
-from vo_service.ros_messages.navigation import (
-    OdometryMessage,
-    TransformMessage,
-    encode_odometry,
-    encode_transform,
-)
 
 pytestmark = [pytest.mark.subprocess, pytest.mark.zenoh]
 

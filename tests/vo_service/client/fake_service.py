@@ -9,17 +9,17 @@ import numpy as np
 import zenoh
 
 from drivers.core.geometry import rigid_transform
-from tests.ports import free_port
-from tests.waiting import wait_until
-from vo_service import Pose, PoseClient
-from vo_service.config_tables import ZenohConfig
-from vo_service.outputs.zenoh.session import open_session
-from vo_service.ros_messages.navigation import (
+from drivers.ros_messages.navigation import (
     OdometryMessage,
     TransformMessage,
     encode_odometry,
     encode_transform,
 )
+from tests.ports import free_port
+from tests.waiting import wait_until
+from vo_service import Pose, PoseClient
+from vo_service.config_tables import ZenohConfig
+from vo_service.outputs.zenoh.session import open_session
 
 # A busy computer would drop messages, and a test would wait for them in vain.
 BLOCK = zenoh.CongestionControl.BLOCK

@@ -6,7 +6,6 @@ belongs to both.
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -14,8 +13,10 @@ from numpy.typing import NDArray
 
 from drivers.camera import AccelerometerReading, RgbdFrame
 from drivers.recording.image_encoding import ColorFormat, encode_image, encode_jpeg
-from vo_service.ros_messages.sensors import (
+from drivers.ros_messages.sensors import (
+    DEPTH_PNG_FORMAT,
     DEPTH_PNG_HEADER,
+    JPEG_FORMAT,
     CameraInfoMessage,
     CompressedImageMessage,
     ImuMessage,
@@ -23,13 +24,6 @@ from vo_service.ros_messages.sensors import (
     RawImageMessage,
 )
 
-if TYPE_CHECKING:  # loaded only if it is enabled
-    pass
-
-
-# Formats as ROS's image_transport_plugins write them.
-JPEG_FORMAT = "bgr8; jpeg compressed bgr8"
-DEPTH_PNG_FORMAT = "16UC1; compressedDepth png"
 # Level 1 without a filter takes 40 % of the time of OpenCV's defaults, for 4 % more bytes.
 _PNG_OPTIONS = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE)
 _MAX_DEPTH_MM = np.iinfo(np.uint16).max

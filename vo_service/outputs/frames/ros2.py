@@ -7,6 +7,7 @@ from typing import TypeVar
 import zenoh
 
 from drivers.core.geometry import Array
+from drivers.ros_messages.navigation import TransformMessage
 from vo_service.config_tables import Ros2Config
 from vo_service.outputs.zenoh.ros2 import (
     RosNode,
@@ -17,7 +18,6 @@ from vo_service.outputs.zenoh.ros2 import (
     publisher_gid,
     ros_type,
 )
-from vo_service.ros_messages.navigation import TransformMessage
 
 # Numbers of the publishers in the ROS node; those of the poses and of /tf come before.
 FIRST_NUMBER = 10

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from drivers.camera import NewReadings
-from vo_service.config_tables import FramesConfig
-from vo_service.ros_messages.sensors import (
+from drivers.ros_messages.sensors import (
     CAMERA_INFO_SCHEMA,
     COMPRESSED_IMAGE_SCHEMA,
     IMAGE_SCHEMA,
@@ -18,6 +17,7 @@ from vo_service.ros_messages.sensors import (
     encode_imu,
     encode_point_cloud,
 )
+from vo_service.config_tables import FramesConfig
 from vo_service.types.messages import timing_payload
 from vo_service.types.odometry_update import OdometryUpdate
 

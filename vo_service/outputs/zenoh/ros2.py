@@ -15,20 +15,20 @@ import zenoh
 import zenoh.ext
 
 from drivers.core import InputError
-from vo_service.config_tables import Ros2Config
-from vo_service.ros_messages.navigation import (
+from drivers.ros_messages.navigation import (
     ODOMETRY_SCHEMA,
     TRANSFORMS_SCHEMA,
     TransformMessage,
     encode_transforms,
 )
-from vo_service.ros_messages.sensors import (
+from drivers.ros_messages.sensors import (
     CAMERA_INFO_SCHEMA,
     COMPRESSED_IMAGE_SCHEMA,
     IMAGE_SCHEMA,
     IMU_SCHEMA,
     POINT_CLOUD_SCHEMA,
 )
+from vo_service.config_tables import Ros2Config
 from vo_service.types.messages import FrameIds, pose_transforms
 from vo_service.types.odometry_update import OdometryUpdate
 

@@ -17,9 +17,9 @@ import zenoh
 
 from drivers.core.queues import BlockingQueue, WorkerThread
 from drivers.core.rate_limits import TokenBucket
+from drivers.ros_messages.navigation import ODOMETRY_SCHEMA, TRANSFORM_SCHEMA
 from vo_service.config_tables import CommandConfig, Ros2Config
 from vo_service.control import CommandFuture, CommandQueue
-from vo_service.ros_messages.navigation import ODOMETRY_SCHEMA, TRANSFORM_SCHEMA
 from vo_service.types.commands import (
     MAX_PAYLOAD_BYTES,
     CommandError,

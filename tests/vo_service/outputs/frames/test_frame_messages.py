@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from drivers.camera import AccelerometerReading, PinholeCamera, RgbdFrame
+from drivers.ros_messages.decoding import decode_color_jpeg, decode_depth_png
+from drivers.ros_messages.sensors import CompressedImageMessage
 from vo_service.outputs.frames.frame_messages import FrameMessages, depth_in_mm
-from vo_service.ros_messages.decoding import decode_color_jpeg, decode_depth_png
-from vo_service.ros_messages.sensors import CompressedImageMessage
 
 CAMERA = PinholeCamera(64, 48, 50.0, 52.0, 31.5, 23.5)
 

@@ -14,6 +14,14 @@ import zenoh
 from rosbags.typesys import Stores, get_typestore
 
 from drivers.core.geometry import T_BODY_CAMERA
+from drivers.ros_messages.decoding import (
+    decode_color_jpeg,
+    decode_compressed_image,
+    decode_depth_png,
+    decode_odometry,
+    decode_point_cloud,
+)
+from drivers.ros_messages.sensors import IMU_SCHEMA
 from tests.vo_service.outputs.frames.frame_robot import MakeUpdate, Robot
 from tests.vo_service.outputs.zenoh.query_helpers import connected_session
 from tests.waiting import wait_until
@@ -21,14 +29,6 @@ from vo_service.config_tables import FramesConfig, ZenohConfig
 from vo_service.outputs.frames.output import FrameOutputConfig, open_frame_outputs
 from vo_service.outputs.zenoh.output import ZenohOutput
 from vo_service.outputs.zenoh.session_endpoints import ExtraEndpoints
-from vo_service.ros_messages.decoding import (
-    decode_color_jpeg,
-    decode_compressed_image,
-    decode_depth_png,
-    decode_odometry,
-    decode_point_cloud,
-)
-from vo_service.ros_messages.sensors import IMU_SCHEMA
 from vo_service.types.messages import FrameAttachment, decode_message, parse_json_message
 from vo_service.types.odometry_update import OdometryUpdate
 

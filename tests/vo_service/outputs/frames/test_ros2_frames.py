@@ -14,6 +14,8 @@ import zenoh
 import zenoh.ext
 
 from drivers.core.geometry import T_BODY_CAMERA, transform_from_pose
+from drivers.ros_messages.cdr import split_stamp
+from drivers.ros_messages.navigation import TRANSFORMS_SCHEMA
 from tests.ports import free_port
 from tests.vo_service.outputs.conftest import make_update
 from tests.vo_service.outputs.frames.frame_robot import MakeUpdate, Robot, running_robot
@@ -21,8 +23,6 @@ from tests.vo_service.outputs.zenoh.ros_node import ROS, RosReader, receive_toke
 from tests.waiting import wait_until
 from vo_service.config_tables import Ros2Config
 from vo_service.outputs.zenoh.ros2 import TF_MESSAGE, ros_type
-from vo_service.ros_messages.cdr import split_stamp
-from vo_service.ros_messages.navigation import TRANSFORMS_SCHEMA
 
 __all__ = ["make_update"]
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import zenoh
 
+from drivers.ros_messages.decoding import decode_transform
 from tests.vo_service.outputs.zenoh.query_helpers import (
     config,
     connected_session,
@@ -19,7 +20,6 @@ from tests.vo_service.outputs.zenoh.query_helpers import (
 from tests.vo_service.sample_map import make_map
 from tests.waiting import wait_until
 from vo_service.outputs.zenoh.output import LOCKSTEP_QOS, ZenohOutput
-from vo_service.ros_messages.decoding import decode_transform
 from vo_service.types.messages import Status
 from vo_service.types.odometry_update import OdometryUpdate
 

@@ -8,6 +8,7 @@ from contextlib import closing
 import numpy as np
 import pytest
 
+from drivers.ros_messages.decoding import decode_odometry
 from tests.vo_service.outputs.zenoh.query_helpers import (
     config,
     connected_session,
@@ -17,7 +18,6 @@ from tests.vo_service.outputs.zenoh.query_helpers import (
 )
 from tests.waiting import wait_until
 from vo_service.outputs.zenoh.output import ZenohOutput
-from vo_service.ros_messages.decoding import decode_odometry
 from vo_service.types.messages import Status
 from vo_service.types.odometry_update import OdometryUpdate
 

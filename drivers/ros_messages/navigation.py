@@ -6,11 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers.core.geometry import Array, quaternion_from_rotation
-from vo_service.ros_messages.cdr import CdrWriter
+from drivers.ros_messages.cdr import CdrWriter, StampSeconds
 
 ODOMETRY_SCHEMA = "nav_msgs/msg/Odometry"
 TRANSFORM_SCHEMA = "geometry_msgs/msg/TransformStamped"
 TRANSFORMS_SCHEMA = "tf2_msgs/msg/TFMessage"
+POSE_SCHEMA = "geometry_msgs/msg/PoseStamped"
+VECTOR_SCHEMA = "geometry_msgs/msg/Vector3Stamped"
 
 
 @dataclass(frozen=True)
@@ -82,7 +84,7 @@ class TransformMessage:
         T_frame_child: 4x4, meters.
     """
 
-    stamp_s: float
+    stamp_s: StampSeconds
     frame_id: str
     child_frame_id: str
     T_frame_child: Array
@@ -125,3 +127,21 @@ def _write_transform(writer: CdrWriter, message: TransformMessage) -> None:
     writer.header(message.stamp_s, message.frame_id)
     writer.string(message.child_frame_id)
     writer.float64s(np.concatenate([message.translation_m, message.quaternion_xyzw]))
+
+
+def encode_pose(stamp_s: StampSeconds, frame_id: str, T_frame_body: Array) -> bytes:
+    """Encode a pose (4x4, meters) as a ``PoseStamped`` in CDR."""
+    quaternion = quaternion_from_rotation(T_frame_body[:3, :3])
+    return _encode_numbers(stamp_s, frame_id, np.concatenate([T_frame_body[:3, 3], quaternion]))
+
+
+def encode_vector(stamp_s: StampSeconds, frame_id: str, vector: Sequence[float]) -> bytes:
+    """Encode a vector of 3 numbers as a ``Vector3Stamped`` in CDR."""
+    return _encode_numbers(stamp_s, frame_id, np.array(vector))
+
+
+def _encode_numbers(stamp_s: StampSeconds, frame_id: str, numbers: Array) -> bytes:
+    writer = CdrWriter()
+    writer.header(stamp_s, frame_id)
+    writer.float64s(numbers)
+    return writer.to_bytes()

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
 from drivers.core.geometry import rigid_transform, so3_exp
-from vo_service.ros_messages.cdr import split_stamp
-from vo_service.ros_messages.decoding import decode_odometry, decode_transform
-from vo_service.ros_messages.navigation import (
+from drivers.ros_messages.cdr import split_stamp
+from drivers.ros_messages.decoding import decode_odometry, decode_transform
+from drivers.ros_messages.navigation import (
     OdometryMessage,
     TransformMessage,
     encode_odometry,

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core.geometry import Array
-from vo_service.ros_messages.cdr import BytesLike, CdrWriter
+from drivers.ros_messages.cdr import BytesLike, CdrWriter, StampSeconds
 
 IMAGE_SCHEMA = "sensor_msgs/msg/Image"
 COMPRESSED_IMAGE_SCHEMA = "sensor_msgs/msg/CompressedImage"
@@ -15,13 +15,19 @@ CAMERA_INFO_SCHEMA = "sensor_msgs/msg/CameraInfo"
 POINT_CLOUD_SCHEMA = "sensor_msgs/msg/PointCloud2"
 IMU_SCHEMA = "sensor_msgs/msg/Imu"
 # Array type and number of channels by encoding (sensor_msgs/image_encodings.hpp).
-ENCODINGS = {"bgr8": (np.uint8, 3), "16UC1": (np.uint16, 1)}
-# Before the PNG of compressedDepth: coding 0 (inverse depth), and its two parameters, which 16UC1
-# does not use.
-DEPTH_PNG_HEADER = struct.pack("<iff", 0, 0.0, 0.0)
+ENCODINGS = {"bgr8": (np.uint8, 3), "16UC1": (np.uint16, 1), "32FC1": (np.float32, 1)}
+# compressed_depth_image_transport puts this before the image: a format, and two coefficients of
+# inverse depth, which only depth in meters uses.
+COMPRESSED_DEPTH_HEADER = struct.Struct("<iff")
+DEPTH_PNG_HEADER = COMPRESSED_DEPTH_HEADER.pack(0, 0.0, 0.0)
+# Formats of compressed images, as ROS's image_transport_plugins write them.
+JPEG_FORMAT = "bgr8; jpeg compressed bgr8"
+PNG_FORMAT = "bgr8; png compressed bgr8"
+DEPTH_PNG_FORMAT = "16UC1; compressedDepth png"
 # sensor_msgs/msg/PointField.FLOAT32
 _FLOAT32 = 7
 POINT_FIELDS = {"x": 0, "y": 4, "z": 8, "rgb": 12}
+UNCOLORED_POINT = np.dtype([("xyz", "<f4", 3)])
 POINT = np.dtype([("xyz", "<f4", 3), ("bgr", "u1", 3), ("unused", "u1")])
 
 
@@ -32,14 +38,15 @@ class RawImageMessage:
     Attributes:
         stamp_s: Time of the image, Unix seconds.
         frame_id: Frame of the camera, with optical axes: x right, y down, z forward.
-        encoding: ``bgr8`` or ``16UC1`` (depth in millimeters, 0 = no reading).
-        pixels: (height, width, 3) uint8 for ``bgr8``, (height, width) uint16 for ``16UC1``.
+        encoding: ``bgr8``, or of depth ``16UC1`` in millimeters, ``32FC1`` in meters; 0 = no
+            reading.
+        pixels: (height, width, 3) uint8 for ``bgr8``, else (height, width) uint16 or float32.
     """
 
-    stamp_s: float
+    stamp_s: StampSeconds
     frame_id: str
     encoding: str
-    pixels: NDArray[np.uint8] | NDArray[np.uint16]
+    pixels: NDArray[np.uint8] | NDArray[np.uint16] | NDArray[np.float32]
 
 
 def encode_image(message: RawImageMessage) -> bytes:
@@ -74,7 +81,7 @@ class CompressedImageMessage:
         data: The compressed image.
     """
 
-    stamp_s: float
+    stamp_s: StampSeconds
     frame_id: str
     format: str
     data: BytesLike
@@ -95,7 +102,7 @@ def encode_compressed_image(message: CompressedImageMessage) -> bytes:
 
 @dataclass(frozen=True)
 class CameraInfoMessage:
-    """Intrinsics of an undistorted image.
+    """Intrinsics of an image.
 
     Attributes:
         stamp_s: Time of the image, Unix seconds.
@@ -103,17 +110,19 @@ class CameraInfoMessage:
         width: Columns of the image.
         height: Rows of the image.
         K: 3x3 intrinsics, pixels; the center of the first pixel is (0, 0).
+        distortion: k1 k2 p1 p2 k3.
     """
 
-    stamp_s: float
+    stamp_s: StampSeconds
     frame_id: str
     width: int
     height: int
     K: Array
+    distortion: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def encode_camera_info(message: CameraInfoMessage) -> bytes:
-    """Encode the intrinsics as CDR, with model ``plumb_bob`` and no distortion.
+    """Encode the intrinsics as CDR, with model ``plumb_bob``.
 
     Raises:
         ValueError: The stamp does not fit, or the intrinsics are not finite.
@@ -125,7 +134,7 @@ def encode_camera_info(message: CameraInfoMessage) -> bytes:
     writer.uint32(message.height, message.width)
     writer.string("plumb_bob")
     writer.uint32(5)
-    writer.float64s(np.zeros(5))  # distortion
+    writer.float64s(np.array(message.distortion))
     writer.float64s(message.K.ravel())
     writer.float64s(np.eye(3).ravel())  # rectification
     writer.float64s(np.hstack([message.K, np.zeros((3, 1))]).ravel())  # projection
@@ -137,42 +146,45 @@ def encode_camera_info(message: CameraInfoMessage) -> bytes:
 
 @dataclass(frozen=True)
 class PointCloudMessage:
-    """Colored points.
+    """Points.
 
     Attributes:
         stamp_s: Time of the points, Unix seconds.
         frame_id: Frame of the points.
         xyz_m: (N, 3) float32.
-        bgr: (N, 3) uint8.
+        bgr: (N, 3) uint8; None for points without color.
     """
 
-    stamp_s: float
+    stamp_s: StampSeconds
     frame_id: str
     xyz_m: NDArray[np.float32]
-    bgr: NDArray[np.uint8]
+    bgr: NDArray[np.uint8] | None
 
 
 def encode_point_cloud(message: PointCloudMessage) -> bytes:
-    """Encode points as CDR: one row, fields x, y, z and rgb of 4 bytes each.
+    """Encode points as CDR: one row, fields x, y, z and, with color, rgb of 4 bytes each.
 
     Raises:
         ValueError: The stamp does not fit, or a point is not finite.
     """
     if not np.all(np.isfinite(message.xyz_m)):
         raise ValueError(f"points at {message.stamp_s} s have a number that is not finite")
-    points = np.zeros(len(message.xyz_m), POINT)
-    points["xyz"], points["bgr"] = message.xyz_m, message.bgr
+    points = np.zeros(len(message.xyz_m), POINT if message.bgr is not None else UNCOLORED_POINT)
+    points["xyz"] = message.xyz_m
+    if message.bgr is not None:
+        points["bgr"] = message.bgr
+    fields = {name: at for name, at in POINT_FIELDS.items() if at < points.itemsize}
     writer = CdrWriter()
     writer.header(message.stamp_s, message.frame_id)
     writer.uint32(1, len(points))
-    writer.uint32(len(POINT_FIELDS))
-    for name, offset in POINT_FIELDS.items():
+    writer.uint32(len(fields))
+    for name, offset in fields.items():
         writer.string(name)
         writer.uint32(offset)
         writer.uint8(_FLOAT32)
         writer.uint32(1)
     writer.uint8(0)  # is_bigendian
-    writer.uint32(POINT.itemsize, points.nbytes)
+    writer.uint32(points.itemsize, points.nbytes)
     writer.byte_sequence(points)
     writer.uint8(1)  # is_dense
     return writer.to_bytes()
@@ -188,7 +200,7 @@ class ImuMessage:
         acceleration_m_s2: (3,) specific force: at rest it points up (REP 145).
     """
 
-    stamp_s: float
+    stamp_s: StampSeconds
     frame_id: str
     acceleration_m_s2: Array
 

@@ -1,6 +1,6 @@
 """The decoding of ROS 2 messages, for those who receive them.
 
-`vo_service.ros_messages` has the messages, their layout and their encoding.
+`drivers.ros_messages` has the messages, their layout and their encoding.
 """
 
 import struct
@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core.geometry import Array, transform_from_pose
-from vo_service.ros_messages.cdr import CDR_HEADER, BytesLike
-from vo_service.ros_messages.navigation import (
+from drivers.ros_messages.cdr import CDR_HEADER, BytesLike
+from drivers.ros_messages.navigation import (
     ODOMETRY_SCHEMA,
     TRANSFORM_SCHEMA,
     OdometryMessage,
     TransformMessage,
 )
-from vo_service.ros_messages.sensors import (
+from drivers.ros_messages.sensors import (
     CAMERA_INFO_SCHEMA,
     COMPRESSED_IMAGE_SCHEMA,
     DEPTH_PNG_HEADER,
@@ -162,7 +162,7 @@ def _read_transform(reader: CdrReader) -> TransformMessage:
 
 
 def decode_image(payload: BytesLike) -> RawImageMessage:
-    """Decode an image in one of the encodings of `RawImageMessage`, without a copy of its pixels.
+    """Decode an image in `bgr8` or `16UC1`, without a copy of its pixels.
 
     Raises:
         ValueError: The bytes are not such a message.
@@ -173,8 +173,8 @@ def decode_image(payload: BytesLike) -> RawImageMessage:
         encoding = reader.string()
         is_bigendian, step = reader.uint8(), reader.uint32()
         data = reader.byte_sequence()
-        if encoding not in ENCODINGS or is_bigendian:
-            raise ValueError(f"its encoding is {encoding!r}, not one of {', '.join(ENCODINGS)}")
+        if encoding not in ("bgr8", "16UC1") or is_bigendian:
+            raise ValueError(f"its encoding is {encoding!r}, not one of bgr8, 16UC1")
         dtype, channels = ENCODINGS[encoding]
         if step != width * channels * np.dtype(dtype).itemsize:
             raise ValueError(f"a row of {width} pixels has {step} bytes")

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from rosbags.typesys import Stores, get_typestore
 
-from vo_service.ros_messages import decoding
-from vo_service.ros_messages import sensors as ros
-from vo_service.ros_messages.cdr import CDR_HEADER, split_stamp
+from drivers.ros_messages import decoding
+from drivers.ros_messages import sensors as ros
+from drivers.ros_messages.cdr import CDR_HEADER, split_stamp
 
 ROS = get_typestore(Stores.ROS2_JAZZY)
 frame_ids = st.text(st.characters(codec="utf-8", exclude_characters="\x00"), max_size=30)

@@ -6,6 +6,7 @@ aligned to its own size, counted from the end of the header (OMG DDS-XTypes, "pl
 
 import math
 import struct
+from decimal import Decimal
 from typing import Any, cast
 
 from numpy.typing import NDArray
@@ -14,6 +15,8 @@ from drivers.core.geometry import Array
 
 CDR_HEADER = b"\x00\x01\x00\x00"
 _STAMP = struct.Struct("<iI")
+# Unix time in seconds; a decimal is written without rounding to a float.
+StampSeconds = float | Decimal
 # Anything that gives its bytes without a copy; an array must be contiguous.
 BytesLike = bytes | bytearray | memoryview | NDArray[Any]
 
@@ -50,7 +53,7 @@ class CdrWriter:
         self.uint32(len(view))
         self._append(view)
 
-    def header(self, stamp_s: float, frame_id: str) -> None:
+    def header(self, stamp_s: StampSeconds, frame_id: str) -> None:
         """Write a ``std_msgs/msg/Header``.
 
         Raises:
@@ -82,7 +85,7 @@ def encode_string(text: str) -> bytes:
     return writer.to_bytes()
 
 
-def split_stamp(stamp_s: float) -> tuple[int, int]:
+def split_stamp(stamp_s: StampSeconds) -> tuple[int, int]:
     """Split a stamp into whole seconds, rounded down, and nanoseconds (0 to 999 999 999).
 
     Raises:
@@ -92,7 +95,7 @@ def split_stamp(stamp_s: float) -> tuple[int, int]:
         raise ValueError(f"stamp {stamp_s} is not a time")
     sec = math.floor(stamp_s)
     # The subtraction is exact, so this is the nearest nanosecond; it may round up to a second.
-    carry, nanosec = divmod(round((stamp_s - sec) * 1e9), 1_000_000_000)
+    carry, nanosec = divmod(round((stamp_s - sec) * 1_000_000_000), 1_000_000_000)
     sec += carry
     if not -(2**31) <= sec < 2**31:
         raise ValueError(f"stamp {stamp_s} s does not fit ROS 2's 32 bits for seconds")

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from benchmarks.harness import format_table, measure_cpu_ms, median
 from drivers.core import InputError
+from drivers.core.folders import cache_folder
 from drivers.core.geometry import Array
 from drivers.synthetic.camera import SyntheticCamera
 from drivers.synthetic.config import SyntheticConfig
@@ -384,9 +385,8 @@ def load_images(sources: Sequence[Path], frames: int) -> Iterator[Gray]:
     Without sources they are views of the virtual Kinect. Raises InputError if one cannot be read.
     """
     if not sources:
-        with SyntheticCamera(SYNTHETIC) as camera:
-            for _ in range(SYNTHETIC.frame_count):
-                yield camera.read(timeout_s=60.0).gray
+        with SyntheticCamera(SYNTHETIC, cache_folder() / "sequences") as camera:
+            yield from (frame.gray for frame in camera)
     for source in sources:
         for file in sample_images(source, frames) if source.is_dir() else [source]:
             yield read_gray(file)

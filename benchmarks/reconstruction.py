@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from benchmarks.harness import Table, Variants, measure_cpu_ms, median
 from benchmarks.tracking import read_all_frames, track
-from drivers.camera import PlaybackMode, RgbdFrame
+from drivers.camera import RgbdFrame
 from drivers.core import InputError
 from drivers.core.folders import cache_folder
 from drivers.core.geometry import (
@@ -34,7 +34,7 @@ from drivers.core.geometry import (
     rigid_transform,
     transform_points,
 )
-from drivers.synthetic.camera import RenderOptions, SyntheticCamera
+from drivers.synthetic.camera import SyntheticCamera
 from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.motions import make_motion
 from drivers.synthetic.renderer import CLEARANCE_CHECKS_PER_S
@@ -66,8 +66,7 @@ MAX_POINTS = 200_000
 
 def render_with_truth(config: SyntheticConfig) -> Iterator[tuple[RgbdFrame, Array]]:
     """Yield each frame and its true pose T_world_camera in the room."""
-    render_options = RenderOptions(cache_folder() / "sequences")
-    with SyntheticCamera(config, PlaybackMode.LOCKSTEP, render_options) as camera:
+    with SyntheticCamera(config, cache_folder() / "sequences") as camera:
         truth: Trajectory | None = None
         for frame in read_all_frames(camera):
             truth = truth or camera.ground_truth

@@ -31,8 +31,8 @@ from benchmarks.rendered_sequences import THREADS
 from benchmarks.tours import compute_true_poses, make_runner, make_tour_config, make_tour_frame
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import Array, inverse, pose_distance, transform_points
-from drivers.synthetic.background_frame_provider import render_all
 from drivers.synthetic.config import SyntheticConfig
+from drivers.synthetic.frame_provider import render_all
 from drivers.synthetic.sensors import ImageSource, RenderedImages
 from vo_service.odometry.registry import METHODS
 from vo_service.odometry.warm_up import warm_up

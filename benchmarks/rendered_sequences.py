@@ -15,6 +15,7 @@ from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor, 
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TypeVar
 
 import cv2
@@ -25,10 +26,10 @@ from numpy.typing import NDArray
 from benchmarks.features import read_gray
 from benchmarks.harness import Variants
 from benchmarks.tracking import read_all_frames
-from drivers.camera import PinholeCamera, PlaybackMode, RgbdCamera, RgbdFrame
+from drivers.camera import PinholeCamera, RgbdCamera, RgbdFrame
 from drivers.core import InputError
 from drivers.core.geometry import Array, read_trajectory, transform_points
-from drivers.synthetic.camera import RenderOptions, SyntheticCamera, make_synthetic_camera
+from drivers.synthetic.camera import SyntheticCamera, make_synthetic_camera
 from drivers.synthetic.config import NO_DISTORTION, ShutterTiming, SyntheticConfig
 from drivers.synthetic.sensors import RenderedImages
 from drivers.tum.writer import TumWriter
@@ -130,8 +131,10 @@ def render(folder: Path, config: SyntheticConfig) -> None:
     part = folder.with_name(f"{folder.name}.part")
     shutil.rmtree(part, ignore_errors=True)
     once = replace(config, loop=False)
-    options = RenderOptions(threads=1)
-    with make_synthetic_camera(once, PlaybackMode.LOCKSTEP, options) as camera:
+    with (
+        TemporaryDirectory() as rendered,
+        make_synthetic_camera(once, Path(rendered), threads=1) as camera,
+    ):
         _write(camera, part)
     (part / CONFIG_RECORD).write_text(f"{config}\n")
     part.rename(folder)
@@ -337,11 +340,10 @@ def _errors_m(views: list[RealismView], detector: cv2.Feature2D, norm: int) -> l
 def render_views(config: SyntheticConfig) -> list[RealismView]:
     """Render the frames of the virtual camera."""
     views = []
-    with SyntheticCamera(config) as camera:
+    with TemporaryDirectory() as rendered, SyntheticCamera(config, Path(rendered)) as camera:
         truth = camera.ground_truth
         assert truth is not None
-        for T in truth.T_world_camera:
-            frame = camera.read(1.0)
+        for T, frame in zip(truth.T_world_camera, camera, strict=True):
             views.append(RealismView(frame.gray, frame.depth_m, frame.camera, T))
     return views
 

@@ -16,8 +16,8 @@ from drivers.camera import RgbdFrame
 from drivers.core.folders import cache_folder
 from drivers.core.geometry import Array
 from drivers.ros_messages.decoding import decode_odometry
-from drivers.synthetic.background_frame_provider import render_all
 from drivers.synthetic.config import SyntheticConfig
+from drivers.synthetic.frame_provider import render_all
 from tests.resource_leaks import child_pids_of
 from vo_service.terminal import Terminal
 from vo_service.types.estimate import Estimate

@@ -17,15 +17,16 @@ from enum import StrEnum
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.tracking import read_all_frames
-from drivers.camera import PlaybackMode, RgbdFrame
+from drivers.camera import RgbdFrame
 from drivers.core.geometry import Trajectory
-from drivers.synthetic.camera import RenderOptions, SyntheticCamera
+from drivers.synthetic.camera import SyntheticCamera
 from drivers.synthetic.config import MotionKind, ShutterTiming, SyntheticConfig
 from drivers.tum.writer import TumWriter
 
@@ -217,7 +218,10 @@ def render_sensor(folder: Path, sensor: VirtualSensor) -> None:
     """Render the recording of a sensor; an incomplete one is replaced."""
     shutil.rmtree(folder, ignore_errors=True)
     once = replace(sensor.config, loop=False)
-    with SyntheticCamera(once, PlaybackMode.LOCKSTEP, RenderOptions(threads=1)) as camera:
+    with (
+        TemporaryDirectory() as rendered,
+        SyntheticCamera(once, Path(rendered), threads=1) as camera,
+    ):
         assert camera.ground_truth is not None
         truth = sensor.scale_truth(camera.ground_truth)
         with TumWriter(folder, ground_truth=truth) as writer:

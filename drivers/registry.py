@@ -157,7 +157,7 @@ def make_recording(request: CameraRequest) -> RgbdCamera:
 
 def make_synthetic(request: CameraRequest) -> RgbdCamera:
     from drivers.core.folders import cache_folder
-    from drivers.synthetic.camera import RenderOptions, make_synthetic_camera
+    from drivers.synthetic.camera import make_synthetic_camera
     from drivers.synthetic.config import SyntheticConfig
 
     if request.argument:
@@ -169,9 +169,8 @@ def make_synthetic(request: CameraRequest) -> RgbdCamera:
         raise InputError(
             f"{request.camera_file}: the virtual Kinect takes no camera file; leave it out"
         )
-    preparation = RenderOptions(cache_folder() / "sequences")
     config = request.synthetic or SyntheticConfig.fast()
-    return make_synthetic_camera(config, request.playback_mode, preparation)
+    return make_synthetic_camera(config, cache_folder() / "sequences", request.playback_mode)
 
 
 def make_freenect(request: CameraRequest) -> RgbdCamera:

@@ -3,7 +3,6 @@
 import math
 import sys
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -24,34 +23,15 @@ from drivers.core import CameraError, CameraLostError, CameraNotFoundError, Inpu
 from drivers.core.geometry import STANDARD_GRAVITY_M_S2, Trajectory, Vector
 from drivers.faulty_camera import FaultKind, FaultyCamera
 from drivers.pacing import HOST_CLOCK, HostClock, make_pacer
-from drivers.synthetic.background_frame_provider import BackgroundFrameProvider
 from drivers.synthetic.config import SyntheticConfig
+from drivers.synthetic.frame_provider import FrameProvider
 from drivers.synthetic.motions import make_motion
-from drivers.synthetic.on_demand_frame_provider import OnDemandFrameProvider
 from drivers.synthetic.room import ROOM_HEIGHT_M
 
 FIRST_STAMP_S = 1000.0  # in lockstep
 
-# Provides the frames of a configuration in a loop.
-FrameProvider = OnDemandFrameProvider | BackgroundFrameProvider
-
-
 # A live reader checks this often which frame is due while none is rendered.
 POLL_PERIOD_S = 0.02
-
-
-@dataclass(frozen=True)
-class RenderOptions:
-    """How frames are rendered.
-
-    Attributes:
-        cache_dir: A separate process renders ahead and stores the frames here. None: each frame
-            is rendered when it is read.
-        threads: Rendering threads; 0 for one per core.
-    """
-
-    cache_dir: Path | None = None
-    threads: int = 0
 
 
 class SyntheticCamera(RgbdCamera):
@@ -60,26 +40,26 @@ class SyntheticCamera(RgbdCamera):
     In lockstep, stamps start at a fixed value: two runs give the same bytes. Live, frames that are
     not rendered in time are dropped. Of the faults it has only those that unplug it; see
     `make_synthetic_camera`.
+
+    Args:
+        config: The room, the motion and the sensor.
+        folder: A separate process renders ahead and stores the frames here.
+        playback_mode: Lockstep delivers every frame; realtime drops late ones.
+        threads: Rendering threads; 0 for one per core.
+        host: Clock and sleep function; tests replace it.
+
+    Raises:
+        InputError: The track cannot be read, or there are too many frames to store.
     """
 
     def __init__(
         self,
         config: SyntheticConfig,
+        folder: Path,
         playback_mode: PlaybackMode = PlaybackMode.LOCKSTEP,
-        render_options: RenderOptions = RenderOptions(),
+        threads: int = 0,
         host: HostClock = HOST_CLOCK,
     ) -> None:
-        """Create a closed camera.
-
-        Args:
-            config: The room, the motion and the sensor.
-            playback_mode: Lockstep delivers every frame; realtime drops late ones.
-            render_options: Where and how frames are rendered.
-            host: Clock and sleep function; tests replace it.
-
-        Raises:
-            InputError: The track cannot be read, or there are too many frames to store.
-        """
         self.name = "synthetic"
         self._config = config
         self._host = host
@@ -92,7 +72,8 @@ class SyntheticCamera(RgbdCamera):
         )
         self._motion = make_motion(config, ROOM_HEIGHT_M)
         self._last_seq = count - 1
-        self._frame_provider = _make_frame_provider(config, playback_mode, render_options)
+        rate_hz = config.rate_hz if self._is_live else 0.0
+        self._frame_provider = FrameProvider(config, folder, rate_hz, threads)
         self._unplugs = [each for each in config.faults if each.kind is FaultKind.UNPLUGGED]
         self._pending_unplugs = list(self._unplugs)
         self._is_open = self._is_disconnected = self._has_started = False
@@ -101,9 +82,9 @@ class SyntheticCamera(RgbdCamera):
         self._counters = CameraCounters()
 
     def prepare(self) -> None:
-        """Start painting the room, if that is done in the background."""
+        """Start painting the room."""
         with suppress(CameraError, InputError):
-            self._frame_provider.prepare()
+            self._frame_provider.start()
 
     def open(self) -> None:
         """See `RgbdCamera`. Until the room is painted, `status` is OPENING."""
@@ -225,21 +206,11 @@ class SyntheticCamera(RgbdCamera):
 
 def make_synthetic_camera(
     config: SyntheticConfig,
+    folder: Path,
     playback_mode: PlaybackMode = PlaybackMode.LOCKSTEP,
-    render_options: RenderOptions = RenderOptions(),
+    threads: int = 0,
     host: HostClock = HOST_CLOCK,
 ) -> RgbdCamera:
     """Make a virtual Kinect with all faults of its configuration; see `SyntheticCamera`."""
-    camera = SyntheticCamera(config, playback_mode, render_options, host)
+    camera = SyntheticCamera(config, folder, playback_mode, threads, host)
     return FaultyCamera(camera, config.faults, config.seed) if config.faults else camera
-
-
-def _make_frame_provider(
-    config: SyntheticConfig, playback_mode: PlaybackMode, render_options: RenderOptions
-) -> FrameProvider:
-    if render_options.cache_dir is None:
-        return OnDemandFrameProvider(config, render_options.threads)
-    rate_hz = config.rate_hz if playback_mode is PlaybackMode.REALTIME else 0.0
-    return BackgroundFrameProvider(
-        config, render_options.cache_dir, rate_hz, render_options.threads
-    )

@@ -84,6 +84,13 @@ class CameraMotion(ABC):
         return result
 
 
+def make_poses(position_m: Array, yaw: Array, down: Array, roll: Array) -> Array:
+    """Make T_world_camera (N, 4, 4) from positions (N, 3) and the angles of `look_rotations`."""
+    T = np.tile(np.eye(4), (len(position_m), 1, 1))
+    T[:, :3, 3], T[:, :3, :3] = position_m, look_rotations(yaw, down, roll)
+    return T
+
+
 def look_rotations(yaw: Array, down: Array, roll: Array) -> Array:
     """Rotations of a camera that looks along +y, then is turned left, down and rolled.
 
@@ -112,4 +119,13 @@ def rotations_from_vectors(vectors_rad: Array) -> Array:
     angle = np.linalg.norm(vectors_rad, axis=1)[:, None, None]
     sine, cosine = np.sinc(angle / np.pi), 0.5 * np.sinc(angle / (2 * np.pi)) ** 2
     result: Array = np.eye(3) + sine * K + cosine * (K @ K)
+    return result
+
+
+def rotate_yaw(T_world_camera: Array, yaw_rad: Array) -> Array:
+    """Turn each pose (N, 4, 4) to the left about its own position, by its own angle (N,)."""
+    zero = np.zeros_like(yaw_rad)
+    result = T_world_camera.copy()
+    turns = rotations_from_vectors(np.stack([zero, zero, yaw_rad], axis=1))
+    result[:, :3, :3] = turns @ T_world_camera[:, :3, :3]
     return result

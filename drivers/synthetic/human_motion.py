@@ -1,5 +1,6 @@
 """Motions of a person: a hand with a slow sweep and a tremor, and a walk through the room."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,7 +8,8 @@ import numpy as np
 from drivers.core.geometry import Array
 from drivers.synthetic.camera_motion import (
     CameraMotion,
-    look_rotations,
+    make_poses,
+    rotate_yaw,
     rotations_from_vectors,
     smootherstep,
     smootherstep_integral,
@@ -60,11 +62,22 @@ class SinusoidSum:
 
 @dataclass(frozen=True)
 class HandheldProfile:
-    """The sweep of a handheld camera about a mean pose: x y z, yaw, pitch and roll."""
+    """How a camera is held: a sweep about a mean pose, with the tremor of the hand.
+
+    Attributes:
+        sweep: Sines of x y z, yaw, pitch and roll.
+        turn_rad: Angle (N,) to the left that the person turns the camera besides, from the times
+            (N,) and the length of the sequence, s; None for none.
+        forward_m: Distance of the mean pose from the middle of the room along +y.
+    """
 
     sweep: tuple[Sinusoids, ...]
     camera_height_m: float
     pitch_down_rad: float
+    sweep_scale: float = 1.0
+    tremor_scale: float = 1.0
+    turn_rad: Callable[[Array, float], Array] | None = None
+    forward_m: float = 0.0
 
 
 ROOM_SWEEP = HandheldProfile(
@@ -98,26 +111,23 @@ class HandheldMotion(CameraMotion):
     """A sweep about the middle of the room, with the tremor of a hand."""
 
     def __init__(
-        self,
-        rng: np.random.Generator,
-        duration_s: float,
-        profile: HandheldProfile,
-        sweep_scale: float = 1.0,
-        tremor_scale: float = 1.0,
+        self, rng: np.random.Generator, duration_s: float, profile: HandheldProfile = ROOM_SWEEP
     ) -> None:
         self._sweep = SinusoidSum.random(rng, duration_s, profile.sweep)
         self._tremor = SinusoidSum.random(rng, duration_s, TREMOR)
-        self._profile = profile
-        self._sweep_scale, self._tremor_scale = sweep_scale, tremor_scale
+        self._profile, self._duration_s = profile, duration_s
 
     def poses(self, times_s: Array) -> Array:
-        sweep = self._sweep_scale * self._sweep(times_s)
-        tremor = self._tremor_scale * self._tremor(times_s)
-        height_m, down_rad = self._profile.camera_height_m, self._profile.pitch_down_rad
-        T = np.tile(np.eye(4), (len(times_s), 1, 1))
-        T[:, :3, 3] = np.array([0.0, 0.0, height_m]) + sweep[:, :3] + tremor[:, :3]
-        T[:, :3, :3] = look_rotations(sweep[:, 3], sweep[:, 4] + down_rad, sweep[:, 5])
+        profile = self._profile
+        sweep = profile.sweep_scale * self._sweep(times_s)
+        tremor = profile.tremor_scale * self._tremor(times_s)
+        position_m = np.array([0.0, 0.0, profile.camera_height_m]) + sweep[:, :3] + tremor[:, :3]
+        down_rad = sweep[:, 4] + profile.pitch_down_rad
+        T = make_poses(position_m, sweep[:, 3], down_rad, sweep[:, 5])
         T[:, :3, :3] = T[:, :3, :3] @ rotations_from_vectors(tremor[:, 3:])
+        if profile.turn_rad is not None:
+            T = rotate_yaw(T, profile.turn_rad(times_s, self._duration_s))
+        T[:, 1, 3] += profile.forward_m
         return T
 
 
@@ -130,18 +140,17 @@ LOOK_UP_RAD = 0.65
 LOOK_UP_PERIOD_S = 10.0
 
 
-class FloorMotion(CameraMotion):
+class FloorMotion(HandheldMotion):
     """A handheld camera over the bare floor: most views show one plane."""
 
     def __init__(self, rng: np.random.Generator, duration_s: float) -> None:
-        self._handheld = HandheldMotion(rng, duration_s, FLOOR_SWEEP)
-        self._duration_s = duration_s
+        super().__init__(rng, duration_s, FLOOR_SWEEP)
 
     def poses(self, times_s: Array) -> Array:
         looks = round(self._duration_s / LOOK_UP_PERIOD_S)
         # It begins and ends at the floor; looking up takes a fifth of the period.
         up = LOOK_UP_RAD * np.sin(np.pi * looks * times_s / self._duration_s) ** 12
-        T = self._handheld.poses(times_s)
+        T = super().poses(times_s)
         T[:, :3, :3] = T[:, :3, :3] @ rotations_from_vectors(
             up[:, None] * np.array([1.0, 0.0, 0.0])
         )
@@ -149,7 +158,7 @@ class FloorMotion(CameraMotion):
 
     def clearance_points_m(self, times_s: Array) -> Array:
         """Points (M, 3) between the camera and the floor that it sees when it does not look up."""
-        T = self._handheld.poses(times_s)
+        T = super().poses(times_s)
         x, y = (grid.ravel() for grid in np.meshgrid(VIEW_TAN_X, VIEW_TAN_Y))
         rays = np.stack([x, y, np.ones_like(x)], axis=1) @ T[:, :3, :3].transpose(0, 2, 1)
         to_floor = -T[:, None, 2, 3] / np.minimum(rays[..., 2], MAX_UP_SLOPE)
@@ -188,17 +197,13 @@ class OrbitMotion(CameraMotion):
 
     def poses(self, times_s: Array) -> Array:
         sway, tremor = self._sway(times_s), self._tremor(times_s)
-        along, aside = (
-            self._orbit_angle_rad(times_s),
-            [self._look_offset_rad(times_s, *g) for g in LOOK_ASIDE],
-        )
+        along = self._orbit_angle_rad(times_s)
+        aside, below = (self._look_offset_rad(times_s, *look) for look in LOOK_ASIDE)
         radius_m, height_m = RADIUS_M + sway[:, 0], CAMERA_HEIGHT_M + sway[:, 2]
         down = np.arctan2(height_m - TARGET_HEIGHT_M, radius_m)
-        T = np.tile(np.eye(4), (len(times_s), 1, 1))
-        eye_m = [radius_m * np.cos(along), radius_m * np.sin(along), height_m]
-        T[:, :3, 3] = np.stack(eye_m, axis=1) + tremor[:, :3]
-        yaw = along + np.pi / 2 + aside[0] + sway[:, 3]  # to the middle, except when looking aside
-        T[:, :3, :3] = look_rotations(yaw, down + aside[1] + sway[:, 4], sway[:, 5])
+        eye_m = np.stack([radius_m * np.cos(along), radius_m * np.sin(along), height_m], axis=1)
+        yaw = along + np.pi / 2 + aside + sway[:, 3]  # to the middle, except when looking aside
+        T = make_poses(eye_m + tremor[:, :3], yaw, down + below + sway[:, 4], sway[:, 5])
         T[:, :3, :3] = T[:, :3, :3] @ rotations_from_vectors(tremor[:, 3:])
         return T
 
@@ -264,14 +269,11 @@ class TourMotion(CameraMotion):
         sway, tremor = self._sway(times_s), self._tremor(times_s)
         along = self._tour_angle_rad(times_s) + sway[:, 1]
         out = np.stack([np.cos(along), np.sin(along)], axis=1)
-        T = np.tile(np.eye(4), (len(times_s), 1, 1))
-        T[:, :2, 3] = out * (HALF_M + sway[:, :1])
-        T[:, 2, 3] = TOUR_CAMERA_HEIGHT_M + sway[:, 2]
-        T[:, :3, 3] += tremor[:, :3]
+        eye_m = np.column_stack([out * (HALF_M + sway[:, :1]), TOUR_CAMERA_HEIGHT_M + sway[:, 2]])
         # Left of +y by the angle to the middle of the room, then toward the direction of travel.
         middle = along + np.pi / 2
         yaw = middle - LOOK_AHEAD_RAD * self._direction(times_s) + sway[:, 3]
-        T[:, :3, :3] = look_rotations(yaw, LOOK_DOWN_RAD + sway[:, 4], sway[:, 5])
+        T = make_poses(eye_m + tremor[:, :3], yaw, LOOK_DOWN_RAD + sway[:, 4], sway[:, 5])
         T[:, :3, :3] = T[:, :3, :3] @ rotations_from_vectors(tremor[:, 3:])
         return T
 

@@ -1,6 +1,10 @@
 """Camera motions by name; here also those by a script and those along a recorded track."""
 
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,8 +20,7 @@ from drivers.synthetic.camera_motion import (
     CameraMotion,
     CubicSpline,
     cosine_ramp,
-    look_rotations,
-    rotations_from_vectors,
+    make_poses,
     smootherstep,
 )
 from drivers.synthetic.config import MotionKind, SyntheticConfig
@@ -30,19 +33,6 @@ from drivers.synthetic.human_motion import (
     TourMotion,
 )
 
-# A hand that holds the camera level, two meters from the wall at +y.
-LEVEL_AT_WALL = HandheldProfile(
-    (
-        ((0.15, 0.10), (0.06, 0.20)),
-        ((0.08, 0.10),),
-        ((0.06, 0.10), (0.03, 0.25)),
-        ((0.08, 0.10), (0.04, 0.20)),
-        ((0.04, 0.10),),
-        ((0.04, 0.15),),
-    ),
-    camera_height_m=1.45,
-    pitch_down_rad=0.0,
-)
 TOWARD_WALL_M = 0.5
 LOOK_ASIDE_RAD = 1.15
 WALL_VIEW_PERIOD_S = 10.0
@@ -57,17 +47,43 @@ TURN_ANGLES_RAD = (0.8, 1.2)
 CREEP_SPEED_M_S = 0.001
 
 
-class WallMotion(CameraMotion):
-    """Faces aside, then for a third of the time the wall at +y, then aside again."""
+def yaw_from_wall(times_s: Array, duration_s: float) -> Array:
+    """Angle (N,) to the wall at +y, rad: zero for a third of each period."""
+    period_s = duration_s / max(1, round(duration_s / WALL_VIEW_PERIOD_S))
+    phase = 0.5 - 0.5 * np.cos(2 * np.pi * times_s / period_s)
+    yaw_rad: Array = LOOK_ASIDE_RAD * (1.0 - smootherstep(2.0 * phase - 0.5))
+    return yaw_rad
 
-    def __init__(self, rng: np.random.Generator, duration_s: float) -> None:
-        self._handheld = HandheldMotion(rng, duration_s, LEVEL_AT_WALL)
-        self._duration_s = duration_s
 
-    def poses(self, times_s: Array) -> Array:
-        T = _rotate_yaw(self._handheld.poses(times_s), _yaw_from_wall(times_s, self._duration_s))
-        T[:, 1, 3] += TOWARD_WALL_M
-        return T
+def fast_turns(times_s: Array, duration_s: float) -> Array:
+    """Angle (N,) of fast turns away and back, rad."""
+    pairs = max(1, round(duration_s / TURN_PAIR_PERIOD_S))
+    period_s = duration_s / pairs
+    yaw_rad = np.zeros_like(times_s)
+    for pair in range(pairs):
+        since_s = times_s - pair * period_s
+        away = cosine_ramp((since_s - 0.25 * period_s) / TURN_S)
+        back = cosine_ramp((since_s - 0.75 * period_s) / TURN_S)
+        yaw_rad += TURN_ANGLES_RAD[pair % len(TURN_ANGLES_RAD)] * (away - back)
+    return yaw_rad
+
+
+# A hand that holds the camera level, two meters from the wall at +y: it faces aside, then for a
+# third of the time the wall, then aside again.
+LEVEL_AT_WALL = HandheldProfile(
+    (
+        ((0.15, 0.10), (0.06, 0.20)),
+        ((0.08, 0.10),),
+        ((0.06, 0.10), (0.03, 0.25)),
+        ((0.08, 0.10), (0.04, 0.20)),
+        ((0.04, 0.10),),
+        ((0.04, 0.15),),
+    ),
+    camera_height_m=1.45,
+    pitch_down_rad=0.0,
+    turn_rad=yaw_from_wall,
+    forward_m=TOWARD_WALL_M,
+)
 
 
 class WallDriveMotion(CameraMotion):
@@ -80,37 +96,10 @@ class WallDriveMotion(CameraMotion):
         self._rate_rad_s = 2 * np.pi * drives / duration_s
 
     def poses(self, times_s: Array) -> Array:
-        T, zero = np.tile(np.eye(4), (len(times_s), 1, 1)), np.zeros_like(times_s)
-        T[:, :3, :3] = look_rotations(_yaw_from_wall(times_s, self._duration_s), zero, zero)
-        T[:, 0, 3] = DRIVE_M * np.sin(self._rate_rad_s * times_s + self._start_rad)
-        T[:, 1, 3], T[:, 2, 3] = TOWARD_WALL_M, ROBOT_CAMERA_HEIGHT_M
-        return T
-
-
-def _yaw_from_wall(times_s: Array, duration_s: float) -> Array:
-    """Angle (N,) to the wall at +y, rad: zero for a third of each period."""
-    period_s = duration_s / max(1, round(duration_s / WALL_VIEW_PERIOD_S))
-    phase = 0.5 - 0.5 * np.cos(2 * np.pi * times_s / period_s)
-    yaw_rad: Array = LOOK_ASIDE_RAD * (1.0 - smootherstep(2.0 * phase - 0.5))
-    return yaw_rad
-
-
-class FastTurnMotion(CameraMotion):
-    """A handheld sweep with fast turns away and back."""
-
-    def __init__(self, rng: np.random.Generator, duration_s: float) -> None:
-        self._handheld = HandheldMotion(rng, duration_s, ROOM_SWEEP, sweep_scale=0.5)
-        self._turn_pairs = max(1, round(duration_s / TURN_PAIR_PERIOD_S))
-        self._period_s = duration_s / self._turn_pairs
-
-    def poses(self, times_s: Array) -> Array:
-        yaw_rad = np.zeros_like(times_s)
-        for pair in range(self._turn_pairs):
-            since_s = times_s - pair * self._period_s
-            away = cosine_ramp((since_s - 0.25 * self._period_s) / TURN_S)
-            back = cosine_ramp((since_s - 0.75 * self._period_s) / TURN_S)
-            yaw_rad += TURN_ANGLES_RAD[pair % len(TURN_ANGLES_RAD)] * (away - back)
-        return _rotate_yaw(self._handheld.poses(times_s), yaw_rad)
+        zero = np.zeros_like(times_s)
+        along_m = DRIVE_M * np.sin(self._rate_rad_s * times_s + self._start_rad)
+        eye_m = np.column_stack([along_m, zero + TOWARD_WALL_M, zero + ROBOT_CAMERA_HEIGHT_M])
+        return make_poses(eye_m, yaw_from_wall(times_s, self._duration_s), zero, zero)
 
 
 class CreepMotion(CameraMotion):
@@ -119,27 +108,17 @@ class CreepMotion(CameraMotion):
     def __init__(self, rng: np.random.Generator, round_trip_s: float) -> None:
         """`round_trip_s` is infinite if the camera never comes back."""
         yaw_rad, sideways_rad = rng.uniform(-np.pi, np.pi, 2)
-        down_rad = ROOM_SWEEP.pitch_down_rad
-        self._R = look_rotations(np.array([yaw_rad]), np.array([down_rad]), np.zeros(1))[0]
-        self._direction = so3_exp([0.0, 0.0, sideways_rad]) @ [1.0, 0.0, 0.0]
+        eye_m = np.array([[0.0, 0.0, ROOM_SWEEP.camera_height_m]])
+        down_rad = np.array([ROOM_SWEEP.pitch_down_rad])
+        (self._T_start,) = make_poses(eye_m, np.array([yaw_rad]), down_rad, np.zeros(1))
+        self._direction = so3_exp([0.0, 0.0, sideways_rad])[:2, 0]
         self._round_trip_s = round_trip_s
 
     def poses(self, times_s: Array) -> Array:
         along_m = CREEP_SPEED_M_S * np.minimum(times_s, self._round_trip_s - times_s)
-        T = np.tile(np.eye(4), (len(times_s), 1, 1))
-        T[:, :3, :3] = self._R
-        T[:, :3, 3] = along_m[:, None] * self._direction
-        T[:, 2, 3] += ROOM_SWEEP.camera_height_m
+        T = np.tile(self._T_start, (len(times_s), 1, 1))
+        T[:, :2, 3] = along_m[:, None] * self._direction
         return T
-
-
-def _rotate_yaw(T_world_camera: Array, yaw_rad: Array) -> Array:
-    """Turn each pose (N, 4, 4) to the left about its own position, by its own angle (N,)."""
-    zero = np.zeros_like(yaw_rad)
-    result = T_world_camera.copy()
-    turns = rotations_from_vectors(np.stack([zero, zero, yaw_rad], axis=1))
-    result[:, :3, :3] = turns @ T_world_camera[:, :3, :3]
-    return result
 
 
 FLOOR_MARGIN_M = 0.4
@@ -222,6 +201,10 @@ def _rotations_from_quaternions(quaternions: Array) -> Array:
     return np.moveaxis(np.array(rows), 2, 0)
 
 
+def _held(**changes: Any) -> Callable[[np.random.Generator, float], CameraMotion]:
+    return partial(HandheldMotion, profile=replace(ROOM_SWEEP, **changes))
+
+
 def make_motion(config: SyntheticConfig, room_height_m: float) -> CameraMotion:
     """Make the motion of `config`.
 
@@ -231,24 +214,19 @@ def make_motion(config: SyntheticConfig, room_height_m: float) -> CameraMotion:
     if config.track is not None:
         return RecordedMotion.read(config.track, config, room_height_m)
     rng, duration_s = np.random.default_rng([config.seed, 1]), config.duration_s
-    match config.motion:
-        case MotionKind.HAND_HELD:
-            return HandheldMotion(rng, duration_s, ROOM_SWEEP)
-        case MotionKind.SMOOTH:
-            return HandheldMotion(rng, duration_s, ROOM_SWEEP, tremor_scale=0.0)
-        case MotionKind.STILL:
-            return HandheldMotion(rng, duration_s, ROOM_SWEEP, sweep_scale=0.0, tremor_scale=0.0)
-        case MotionKind.FLOOR:
-            return FloorMotion(rng, duration_s)
-        case MotionKind.ORBIT:
-            return OrbitMotion(rng, duration_s)
-        case MotionKind.TOUR:
-            return TourMotion(rng, duration_s)
-        case MotionKind.WALL:
-            return WallMotion(rng, duration_s)
-        case MotionKind.WALL_DRIVE:
-            return WallDriveMotion(rng, duration_s)
-        case MotionKind.FAST_TURN:
-            return FastTurnMotion(rng, duration_s)
-        case MotionKind.CREEP:
-            return CreepMotion(rng, duration_s if config.loop else np.inf)
+    if config.motion is MotionKind.CREEP:
+        return CreepMotion(rng, duration_s if config.loop else np.inf)
+    return MOTIONS[config.motion](rng, duration_s)
+
+
+MOTIONS: dict[MotionKind, Callable[[np.random.Generator, float], CameraMotion]] = {
+    MotionKind.HAND_HELD: HandheldMotion,
+    MotionKind.SMOOTH: _held(tremor_scale=0.0),
+    MotionKind.STILL: _held(sweep_scale=0.0, tremor_scale=0.0),
+    MotionKind.FAST_TURN: _held(sweep_scale=0.5, turn_rad=fast_turns),
+    MotionKind.WALL: partial(HandheldMotion, profile=LEVEL_AT_WALL),
+    MotionKind.WALL_DRIVE: WallDriveMotion,
+    MotionKind.FLOOR: FloorMotion,
+    MotionKind.ORBIT: OrbitMotion,
+    MotionKind.TOUR: TourMotion,
+}

@@ -19,6 +19,7 @@ from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from itertools import product
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import llvmlite.binding
@@ -26,7 +27,7 @@ import numpy as np
 
 from drivers.camera import PinholeCamera, PlaybackMode, RgbdCamera
 from drivers.playback.camera import RecordingCamera
-from drivers.synthetic.camera import RenderOptions, SyntheticCamera
+from drivers.synthetic.camera import SyntheticCamera
 from drivers.synthetic.config import SyntheticConfig
 from vo_service.app import run_replay
 from vo_service.config import Config, OdometryConfig
@@ -88,10 +89,10 @@ class PoseDigest:
         return {"sha256": self.bits.hexdigest(), "states": self.states, "path_m": self.path_m}
 
 
-def compute_digest(case: str, rendered: Path | None = None) -> dict[str, Any]:
+def compute_digest(case: str, rendered: Path) -> dict[str, Any]:
     """Run a method over its input. A recording is found through KINECT_VO_DATA.
 
-    `rendered` is a folder with frames of the virtual Kinect; without it they are rendered here.
+    `rendered` is the folder for frames of the virtual Kinect.
     """
     method, source = case.split("-", 1)
     config = replace(Config(), odometry=OdometryConfig(method=method))
@@ -101,9 +102,9 @@ def compute_digest(case: str, rendered: Path | None = None) -> dict[str, Any]:
     return digest.result
 
 
-def _camera(source: str, rendered: Path | None) -> RgbdCamera:
+def _camera(source: str, rendered: Path) -> RgbdCamera:
     if source == "virtual":
-        return SyntheticCamera(VIRTUAL, render_options=RenderOptions(rendered))
+        return SyntheticCamera(VIRTUAL, rendered)
     return RecordingCamera(Path(os.environ["KINECT_VO_DATA"]) / source, None, PlaybackMode.LOCKSTEP)
 
 
@@ -123,6 +124,7 @@ def _processor_features() -> str:
 
 
 if __name__ == "__main__":
-    results = {case: compute_digest(case) for case in CASES}
+    with TemporaryDirectory() as rendered:
+        results = {case: compute_digest(case, Path(rendered)) for case in CASES}
     content = {"made_with": environment_info(), "trajectories": results}
     FILE.write_text(json.dumps(content, indent=1) + "\n")

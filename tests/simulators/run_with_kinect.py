@@ -13,7 +13,7 @@ from typing import NoReturn
 
 from drivers.core import InputError, UserFacingError
 from drivers.core.folders import cache_folder
-from drivers.synthetic.camera import RenderOptions, SyntheticCamera
+from drivers.synthetic.camera import SyntheticCamera
 from drivers.synthetic.config import SyntheticConfig
 from tests.simulators.fault_script import FAULT_NAMES, parse_fault, run_command, schedule_faults
 from tests.simulators.frame_sources import camera_frames, folder_frames, write_fitted_usb_frames
@@ -137,10 +137,8 @@ def _write_frames(folder: Path, args: argparse.Namespace) -> UsbFrames:
 def _synthetic_frames(max_frames: int | None) -> Iterator[tuple[ColorBgr, DepthMm]]:
     config = SyntheticConfig(duration_s=SYNTHETIC_DURATION_S, loop=True)
     count = round(config.duration_s * config.rate_hz)
-    render_options = RenderOptions(cache_folder() / "sequences")
-    return camera_frames(
-        SyntheticCamera(config, render_options=render_options), min(max_frames or count, count)
-    )
+    camera = SyntheticCamera(config, cache_folder() / "sequences")
+    return camera_frames(camera, min(max_frames or count, count))
 
 
 def _configure_kinect(kinect: KinectSimulator, args: argparse.Namespace) -> None:

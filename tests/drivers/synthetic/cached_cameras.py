@@ -8,7 +8,7 @@ from pathlib import Path
 from drivers.camera import EndOfStream, PlaybackMode, RgbdCamera, RgbdFrame
 from drivers.faulty_camera import Fault
 from drivers.pacing import HOST_CLOCK
-from drivers.synthetic.camera import RenderOptions, make_synthetic_camera
+from drivers.synthetic.camera import make_synthetic_camera
 from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.rendered_sequence import create_sequence, files_for_config
 from drivers.synthetic.renderer import Renderer
@@ -50,7 +50,7 @@ class CachedCameras:
     ) -> RgbdCamera:
         fill_sequence(config, self._folder, self._make_renderer)
         clock = HOST_CLOCK if host is None else host.clock
-        return make_synthetic_camera(config, pace, RenderOptions(cache_dir=self._folder), clock)
+        return make_synthetic_camera(config, self._folder, pace, host=clock)
 
     def read_frames(self, config: SyntheticConfig, *faults: Fault) -> list[RgbdFrame]:
         with self.open_camera(replace(config, faults=faults)) as camera:

@@ -6,7 +6,6 @@ import pytest
 from drivers.camera import Clock, FrameTimeout, PlaybackMode
 from drivers.core import CameraLostError, CameraNotFoundError, InputError
 from drivers.faulty_camera import Fault, FaultKind
-from drivers.synthetic.camera import RenderOptions, SyntheticCamera
 from drivers.synthetic.config import ColorSensorModel, ShutterTiming, SyntheticConfig
 from tests.drivers.fake_host import FakeHost
 from tests.drivers.synthetic.cached_cameras import CachedCameras, read_frames
@@ -27,21 +26,6 @@ def test_lockstep_delivers_every_frame_under_fixed_stamps(
     assert frames[0].skew_s == faulty.timing.skew_s
     assert frames[0].readout_s == faulty.timing.readout_s > 0
     assert frames[0].depth_factor == faulty.depth_factor
-
-
-def test_two_runs_give_the_same_bytes_whatever_the_threads(
-    cached_cameras: CachedCameras, faulty: SyntheticConfig
-) -> None:
-    """Rendered on demand, with a room painted by one thread and by two, and read from disk."""
-    ways = (RenderOptions(threads=1), RenderOptions(threads=2))
-    runs = [cached_cameras.read_frames(faulty)]
-    for way in ways:
-        with SyntheticCamera(faulty, render_options=way) as camera:
-            runs.append(read_frames(camera))
-    for frames in zip(*runs, strict=True):
-        assert len({frame.color_bgr.tobytes() for frame in frames}) == 1
-        assert len({frame.depth_raw.tobytes() for frame in frames}) == 1
-        assert len({frame.stamp_s for frame in frames}) == 1
 
 
 def test_ground_truth_is_stamped_like_the_frames(

@@ -1,7 +1,9 @@
 """Frames with poses are fused into a mesh."""
 
 import threading
+from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -119,17 +121,17 @@ class RecordingPreview:
 
 
 @pytest.fixture(scope="module")
-def camera() -> SyntheticCamera:
+def camera(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SyntheticCamera]:
     """A camera that renders once and may be opened repeatedly."""
-    camera = SyntheticCamera(ROOM)
-    camera.open()
-    return camera
+    camera = SyntheticCamera(ROOM, tmp_path_factory.mktemp("room"))
+    yield camera
+    camera.close()
 
 
 @pytest.fixture(scope="module")
 def frames(camera: SyntheticCamera) -> list[RgbdFrame]:
     camera.open()
-    return [camera.read(1.0) for _ in range(ROOM.frame_count)]
+    return list(camera)
 
 
 @pytest.fixture
@@ -139,12 +141,12 @@ def truth(camera: SyntheticCamera) -> Trajectory:
     return truth
 
 
-def test_true_surfaces_are_what_the_camera_sees() -> None:
+def test_true_surfaces_are_what_the_camera_sees(tmp_path: Path) -> None:
     ideal = replace(
         SyntheticConfig.ideal(), camera=ROOM.camera, duration_s=1.0, rate_hz=1.0, texel_m=0.05
     )
-    with SyntheticCamera(ideal) as camera:
-        frame, truth = camera.read(1.0), camera.ground_truth
+    with SyntheticCamera(ideal, tmp_path) as camera:
+        frame, truth = camera.read(60.0), camera.ground_truth
     assert truth is not None
     v, u = np.mgrid[: ROOM.camera.height, : ROOM.camera.width]
     z = frame.depth_m.astype(np.float64)

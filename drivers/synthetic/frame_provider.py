@@ -6,7 +6,6 @@ from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from drivers.core import CameraLostError
 from drivers.core.process.messages import WorkerFailed
@@ -24,10 +23,6 @@ from drivers.synthetic.rendered_sequence import (
 )
 from drivers.synthetic.sensors import RenderedImages
 
-if TYPE_CHECKING:  # its kernels are slow to load; the renderer's process loads them
-    pass
-
-
 # Live readers of the frames have priority.
 RENDERER = WorkerSpec("drivers.synthetic.render_worker:run_renderer", "renderer", nice=10)
 # A frame takes a second on a slow board; the room is painted before the first one.
@@ -36,15 +31,23 @@ MAX_FRAME_S = 120.0
 RenderProgress = Callable[[int, int], None]  # frames rendered, total frames
 
 
-class BackgroundFrameProvider:
-    """Provides frames that a separate process renders ahead of the reader and stores on disk.
+class FrameProvider:
+    """Provides the frames of a configuration in a loop, frame 0 after the last.
 
-    The process runs while frames are missing. A live reader (`rate_hz` above 0) gets the frames
-    that are rendered in time.
+    A separate process renders them ahead of the reader and stores them on disk; it runs while
+    frames are missing. A live reader (`rate_hz` above 0) gets the frames that are rendered in time.
+
+    Args:
+        config: The configuration.
+        folder: Where frames are stored.
+        rate_hz: Frame rate of a live reader; 0 in lockstep.
+        threads: Rendering threads; 0 for one per core.
+
+    Raises:
+        InputError: There are too many frames to store, or the track cannot be read.
     """
 
     def __init__(self, config: SyntheticConfig, folder: Path, rate_hz: float, threads: int) -> None:
-        """Raises InputError if there are too many frames to store or the track cannot be read."""
         self._files = files_for_config(config, folder)
         self._job = RenderJob(
             config, self._files, rate_hz, threads or os.cpu_count() or 1, wake_fd=-1
@@ -53,9 +56,6 @@ class BackgroundFrameProvider:
         self._wake_fd = -1  # eventfd: the process has written a frame
         self._sequence: RenderedSequence | None = None
         self._process: WorkerProcess | None = None
-
-    def prepare(self) -> None:
-        self.start()
 
     def start(self) -> None:
         """Start providing frames. Returns at once; a running process continues."""
@@ -70,15 +70,25 @@ class BackgroundFrameProvider:
             self._ensure_process()
 
     def wait_until_started(self, timeout_s: float) -> bool:
+        """Wait until the first frame is rendered. Raises as `wait_for_newest`."""
         return self._wait_for(0, 0, timeout_s) is not None
 
     def wait_for_newest(self, first: int, last: int, timeout_s: float) -> int | None:
+        """Wait for the newest rendered frame from `first` to `last`.
+
+        Returns:
+            Its number; None if none of them is rendered after `timeout_s`.
+
+        Raises:
+            InputError, CameraError: Rendering failed.
+        """
         if self._process is not None:
             self._process.send(ReaderPosition(last % self._files.count))
             self._receive(0.0)
         return self._wait_for(first, last, timeout_s)
 
     def read(self, seq: int) -> RenderedImages:
+        """Read a frame; wait if it is not rendered yet. Raises as `wait_for_newest`."""
         index = seq % self._files.count
         deadline_s = time.monotonic() + MAX_FRAME_S
         while (images := self._open_sequence.read(index)) is None:
@@ -95,6 +105,7 @@ class BackgroundFrameProvider:
             self._receive(0.1)
 
     def close(self) -> None:
+        """Stop. Safe to call twice."""
         self._stop_process()
         self._resources.close()
         self._sequence = None
@@ -165,7 +176,7 @@ def render_all(
     Raises:
         InputError, CameraError: Rendering failed; also whatever `progress` raises.
     """
-    provider = BackgroundFrameProvider(config, folder, 0.0, threads)
+    provider = FrameProvider(config, folder, 0.0, threads)
     try:
         provider.start()
         provider.wait_until_complete(progress)

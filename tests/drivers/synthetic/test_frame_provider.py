@@ -3,7 +3,7 @@
 import os
 import signal
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -14,10 +14,11 @@ import pytest
 from drivers.camera import CameraState, FrameTimeout, PlaybackMode, RgbdFrame
 from drivers.core import CameraLostError
 from drivers.core.process.worker_spec import WorkerSpec
-from drivers.synthetic import background_frame_provider
-from drivers.synthetic.camera import RenderOptions, SyntheticCamera
+from drivers.synthetic import frame_provider
+from drivers.synthetic.camera import SyntheticCamera
 from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.rendered_sequence import create_sequence, files_for_config
+from drivers.synthetic.renderer import make_renderer
 from drivers.synthetic.sensors import RenderedImages
 from tests.drivers.fake_host import FakeHost
 from tests.drivers.synthetic import idle_renderer
@@ -41,28 +42,28 @@ def opened(camera: SyntheticCamera) -> Iterator[RgbdFrame]:
         yield camera.read(START_S)
 
 
-def pixels(frames: list[RgbdFrame]) -> list[bytes]:
+def pixels(frames: Sequence[RgbdFrame | RenderedImages]) -> list[bytes]:
     return [frame.color_bgr.tobytes() + frame.depth_raw.tobytes() for frame in frames]
 
 
-def test_the_frames_are_those_rendered_on_demand_and_no_process_is_left(
+def test_the_frames_are_those_of_the_renderer_and_no_process_is_left(
     faulty: SyntheticConfig, tmp_path: Path
 ) -> None:
-    with SyntheticCamera(faulty) as camera:
-        on_demand = pixels(read_frames(camera))
-    camera = SyntheticCamera(faulty, PlaybackMode.LOCKSTEP, RenderOptions(tmp_path))
+    renderer = make_renderer(faulty, threads=1)
+    rendered = [renderer.render(index) for index in range(faulty.frame_count)]
+    camera = SyntheticCamera(faulty, tmp_path, threads=2)
     with opened(camera) as first:
-        assert pixels([first, *read_frames(camera)]) == on_demand
+        assert pixels([first, *read_frames(camera)]) == pixels(rendered)
     assert child_pids() == []
-    with SyntheticCamera(faulty, PlaybackMode.LOCKSTEP, RenderOptions(tmp_path)) as again:
+    with SyntheticCamera(faulty, tmp_path) as again:
         assert child_pids() == []  # no frame is missing, so no process runs
-        assert pixels(read_frames(again)) == on_demand
+        assert pixels(read_frames(again)) == pixels(rendered)
 
 
 def test_the_camera_is_opening_until_the_room_is_painted(
     faulty: SyntheticConfig, tmp_path: Path
 ) -> None:
-    with SyntheticCamera(faulty, PlaybackMode.REALTIME, RenderOptions(tmp_path)) as camera:
+    with SyntheticCamera(faulty, tmp_path, PlaybackMode.REALTIME) as camera:
         with pytest.raises(FrameTimeout):
             camera.read(0.0)
         assert str(camera.status) == "opening: preparing its room"
@@ -74,7 +75,7 @@ def test_the_process_ends_while_a_live_reader_goes_on_when_all_is_rendered(
     faulty: SyntheticConfig, tmp_path: Path
 ) -> None:
     looped = replace(faulty, loop=True)
-    with SyntheticCamera(looped, PlaybackMode.REALTIME, RenderOptions(tmp_path)) as camera:
+    with SyntheticCamera(looped, tmp_path, PlaybackMode.REALTIME) as camera:
         wait_until(lambda: camera.read(START_S) and not child_pids())
         assert camera.read(START_S).seq > 0
 
@@ -89,9 +90,7 @@ def test_a_live_reader_gets_the_newest_frame_that_is_rendered_and_the_rest_is_co
     dropped: int,
 ) -> None:
     """Frames 0, 1 and 3 are rendered; no others ever are."""
-    monkeypatch.setattr(
-        background_frame_provider, "RENDERER", WorkerSpec(idle_renderer.__name__, "idle")
-    )
+    monkeypatch.setattr(frame_provider, "RENDERER", WorkerSpec(idle_renderer.__name__, "idle"))
     host, black = (
         FakeHost(),
         RenderedImages(np.zeros((96, 128, 3), np.uint8), np.zeros((96, 128), np.uint16)),
@@ -99,9 +98,7 @@ def test_a_live_reader_gets_the_newest_frame_that_is_rendered_and_the_rest_is_co
     sequence = create_sequence(files_for_config(faulty, tmp_path))
     for index in (0, 1, 3):
         sequence.write(index, black)
-    with SyntheticCamera(
-        faulty, PlaybackMode.REALTIME, RenderOptions(tmp_path), host.clock
-    ) as camera:
+    with SyntheticCamera(faulty, tmp_path, PlaybackMode.REALTIME, host=host.clock) as camera:
         assert camera.read(1.0).seq == 0
         host.sleep(due / faulty.rate_hz)
         assert camera.read(1.0).seq == seq
@@ -117,7 +114,7 @@ def test_a_damaged_frame_is_rendered_again(
     with files.frames.open("r+b") as file:
         file.seek(3 * files.frame_bytes + 100)
         file.write(b"damaged")
-    with SyntheticCamera(faulty, PlaybackMode.LOCKSTEP, RenderOptions(tmp_path)) as camera:
+    with SyntheticCamera(faulty, tmp_path) as camera:
         assert len(read_frames(camera)) == 6
     assert files.frames.read_bytes() == whole
 
@@ -126,7 +123,7 @@ def test_a_renderer_that_is_killed_is_reported_keeps_its_frames_and_is_started_a
     faulty: SyntheticConfig, tmp_path: Path
 ) -> None:
     long = replace(faulty, duration_s=60.0)
-    camera = SyntheticCamera(long, PlaybackMode.LOCKSTEP, RenderOptions(tmp_path))
+    camera = SyntheticCamera(long, tmp_path)
     with opened(camera):
         (renderer,) = child_pids()
         os.kill(renderer, signal.SIGKILL)

@@ -34,13 +34,14 @@ from benchmarks.harness import Variants, format_table
 from benchmarks.service_load import make_update, measure_processor_use, running_recorder
 from drivers.bag.bag_writer import McapWriter
 from drivers.bag.frame_writer import FrameWriter
-from drivers.bag.mcap_recorder import McapRecorder
+from drivers.bag.mcap_recording_file import McapRecordingFile
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core import InputError
 from drivers.core.geometry import T_BODY_CAMERA
 from drivers.playback.camera import RecordingCamera
 from drivers.playback.recording_formats import open_recording
 from drivers.recording.frame_encoding import FrameStamps, calibration_of_frame
+from drivers.recording.frame_recorder import FrameRecorder
 from drivers.recording.image_encoding import ColorFormat, encode_image
 from drivers.recording.recording_sink import StoredFrame
 from tests.ports import free_port
@@ -313,7 +314,7 @@ def measure_mcap_file(
 ) -> list[str]:
     """Record at 30 Hz and read the file again; return the cells of its row."""
     count, begin_s = int(seconds * RATE_HZ), time.process_time()
-    with McapRecorder(path, is_raw=is_raw) as recorder:
+    with FrameRecorder(McapRecordingFile(path, is_raw=is_raw)) as recorder:
         taken_s = send_in_turn(frames, 0, count, recorder.write)
     cpu_ms = 1e3 * (time.process_time() - begin_s) / count
     read_back = len(open_recording(path).frames.pairs)

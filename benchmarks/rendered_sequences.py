@@ -29,10 +29,11 @@ from benchmarks.tracking import read_all_frames
 from drivers.camera import PinholeCamera, RgbdCamera, RgbdFrame
 from drivers.core import InputError
 from drivers.core.geometry import Array, read_trajectory, transform_points
+from drivers.recording.frame_recorder import FrameRecorder
 from drivers.synthetic.camera import SyntheticCamera, make_synthetic_camera
 from drivers.synthetic.config import NO_DISTORTION, ShutterTiming, SyntheticConfig
 from drivers.synthetic.sensors import RenderedImages
-from drivers.tum.writer import TumWriter
+from drivers.tum.writer import TumFolder
 
 THREADS = 2
 PREFETCH_COUNT = 6
@@ -141,7 +142,7 @@ def render(folder: Path, config: SyntheticConfig) -> None:
 
 
 def _write(camera: RgbdCamera, folder: Path) -> None:
-    with TumWriter(folder, ground_truth=camera.ground_truth) as writer:
+    with FrameRecorder(TumFolder(folder, ground_truth=camera.ground_truth)) as writer:
         for frame in read_all_frames(camera):
             writer.write(frame)
 

@@ -26,9 +26,10 @@ from numpy.typing import NDArray
 from benchmarks.tracking import read_all_frames
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Trajectory
+from drivers.recording.frame_recorder import FrameRecorder
 from drivers.synthetic.camera import SyntheticCamera
 from drivers.synthetic.config import MotionKind, ShutterTiming, SyntheticConfig
-from drivers.tum.writer import TumWriter
+from drivers.tum.writer import TumFolder
 
 SEEDS = tuple(range(1, 21))
 DURATION_S = 5.0
@@ -224,7 +225,7 @@ def render_sensor(folder: Path, sensor: VirtualSensor) -> None:
     ):
         assert camera.ground_truth is not None
         truth = sensor.scale_truth(camera.ground_truth)
-        with TumWriter(folder, ground_truth=truth) as writer:
+        with FrameRecorder(TumFolder(folder, ground_truth=truth)) as writer:
             for frame in read_all_frames(camera):
                 writer.write(sensor.measure(frame))
     (folder / CONFIG_RECORD).write_text(f"{sensor}\n")

@@ -1,4 +1,4 @@
-"""The pacer of a playback: it decides which frame is delivered next, and when."""
+"""The pacers of a playback: they decide which frame is delivered next, and when."""
 
 import math
 import threading
@@ -112,6 +112,21 @@ class RealtimePacer(Pacer):
 
     def seconds_until_replaced(self, seq: int) -> float:
         return min(self.seconds_until_due(seq), threading.TIMEOUT_MAX)
+
+
+class DelayingPacer:
+    """Delivers every frame, none before it is due by its stamp; a late one delays the next ones."""
+
+    def __init__(self, host: HostClock = HOST_CLOCK) -> None:
+        self._host = host
+        self._due_s, self._last_stamp_s = -math.inf, 0.0
+
+    def seconds_until_due(self, stamp_s: float) -> float:
+        """Return how long to wait with the next frame."""
+        now_s = self._host.now_s()
+        self._due_s = max(self._due_s + stamp_s - self._last_stamp_s, now_s)
+        self._last_stamp_s = stamp_s
+        return self._due_s - now_s
 
 
 def make_pacer(

@@ -24,7 +24,8 @@ from drivers.core.folders import kernel_folder
 os.environ.setdefault("NUMBA_CACHE_DIR", str(kernel_folder()))
 
 from drivers.core.geometry import Array, Trajectory, rigid_transform, so3_exp
-from drivers.tum.writer import TumWriter
+from drivers.recording.frame_recorder import FrameRecorder
+from drivers.tum.writer import TumFolder
 from tests.forked_process import WORKERS, forked_workers
 from tests.simulators.fixtures import (  # noqa: F401
     fakenect,
@@ -107,7 +108,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     frames = [render_corner(_hand_held_pose(seq), seq) for seq in range(FRAMES)]
     stamps_s = np.array([frame.stamp_s for frame in frames])
     truth = Trajectory(stamps_s, np.array([_hand_held_pose(seq) for seq in range(FRAMES)]))
-    with TumWriter(folder, ground_truth=truth) as writer:
+    with FrameRecorder(TumFolder(folder, ground_truth=truth)) as writer:
         for frame in frames:
             writer.write(frame)
     return folder

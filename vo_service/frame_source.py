@@ -1,6 +1,5 @@
 """Frames of a camera until the service stops, and the clock that publishes their stamps."""
 
-import math
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -16,6 +15,7 @@ from drivers.camera import (
     RgbdFrame,
 )
 from drivers.clock_jumps import MAX_STALE_FRAMES
+from drivers.pacing import DelayingPacer
 
 RECORDING_ENDED = "the recording has ended"
 # A source yields at least this often, with or without a frame.
@@ -66,12 +66,10 @@ class PacedSource(FrameSource):
 
     def frames(self, stop: threading.Event) -> Iterator[RgbdFrame | None]:
         """Yield until the last frame, or until `stop` is set. A late frame delays the next ones."""
-        due_s, last_stamp_s = -math.inf, 0.0
+        pacer = DelayingPacer()
         for frame in super().frames(stop):
             if frame is not None:
-                due_s = max(due_s + frame.stamp_s - last_stamp_s, time.monotonic())
-                last_stamp_s = frame.stamp_s
-                stop.wait(due_s - time.monotonic())
+                stop.wait(pacer.seconds_until_due(frame.stamp_s))
             yield frame
 
 

@@ -1,7 +1,11 @@
 """Files of ROS messages that are written: MCAP, ROS 2 bag, ROS 1 bag."""
 
+import errno
+import sqlite3
 from abc import ABC, abstractmethod
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, Any, Literal
@@ -263,3 +267,34 @@ class Ros2Writer(RosbagsWriter):
         return self._writer.add_connection(
             topic, message_type, typestore=store, offered_qos_profiles=qos
         )
+
+
+@contextmanager
+def create_bag(path: Path, kind: str) -> Iterator[BagWriter]:
+    """Create a bag; it is completed when the block ends, unless by an exception.
+
+    Args:
+        path: New file, or folder of a ROS 2 bag.
+        kind: "mcap", "ros1" or "ros2".
+
+    Raises:
+        OSError: Writing fails.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if kind == "mcap":
+        with path.open("wb") as file:
+            mcap = McapWriter(file)
+            yield mcap
+            mcap.close()
+        return
+    try:
+        bag = Ros1Writer(path) if kind == "ros1" else Ros2Writer(path)
+        try:
+            yield bag
+            bag.close()
+        except BaseException:
+            bag.abort()
+            raise
+    except sqlite3.Error as error:  # of a ROS 2 bag
+        code = errno.ENOSPC if error.sqlite_errorcode == sqlite3.SQLITE_FULL else errno.EIO
+        raise OSError(code, str(error)) from error

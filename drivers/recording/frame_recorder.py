@@ -7,7 +7,7 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from decimal import Decimal
 from functools import partial
-from typing import Any, Self
+from typing import Any, Generic, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,9 +28,10 @@ ENCODER_THREADS = 2
 FLUSH_PERIOD_S = 0.25
 
 _Images = tuple[Any, Any]  # color and depth: encoded, or raw
+FileT = TypeVar("FileT", bound=RecordingFile)
 
 
-class FrameRecorder:
+class FrameRecorder(Generic[FileT]):
     """Writes frames, gravity and the ground truth into a new file or folder.
 
     Images are encoded on threads and written in order on another, so that a slow disk does not hold
@@ -41,32 +42,17 @@ class FrameRecorder:
 
     Args:
         file: Where to write.
-        color_format: File format of the color images; None to store them raw.
-        depth_format: File format of the depth images; None to store them raw.
         ground_truth: Written up to each frame; may be set until the first one.
-        min_free_bytes: Left free on the disk.
-        max_pending_frames: Frames that wait for a slow disk.
 
     Attributes:
         skipped: Number of frames whose stamp did not rise.
     """
 
-    def __init__(
-        self,
-        file: RecordingFile,
-        *,
-        color_format: ColorFormat | None,
-        depth_format: ColorFormat | None,
-        ground_truth: Trajectory | None = None,
-        min_free_bytes: int = 0,
-        max_pending_frames: int = 30,
-    ) -> None:
-        self.path, self._file = file.path, file
+    def __init__(self, file: FileT, ground_truth: Trajectory | None = None) -> None:
+        self.path, self.file = file.path, file
         self.skipped = 0
         self.ground_truth = ground_truth
         self._true_poses = 0  # that are written
-        self._color_format, self._depth_format = color_format, depth_format
-        self._min_free_bytes, self._max_pending = min_free_bytes, max_pending_frames
         self._sink: RecordingSink | None = None  # from the first frame on
         self._calibration: CameraCalibration | None = None
         self._last_stamps = EARLIEST_STAMPS
@@ -81,7 +67,7 @@ class FrameRecorder:
     @property
     def written(self) -> int:
         """Number of frames in the file."""
-        return self._file.written
+        return self.file.written
 
     def write(self, frame: RgbdFrame, write_others: Callable[[], None] = lambda: None) -> None:
         """Add a frame; it may reach the disk a few frames later.
@@ -105,6 +91,11 @@ class FrameRecorder:
         images = self._encoders.submit(self._encode, frame)
         self._submit(partial(self._write_frame, frame, stamps, images, write_others))
 
+    def write_besides(self, write: Callable[[], None]) -> None:
+        """Call a function that writes what belongs to no frame. Raises as `write`."""
+        self._raise_failure()
+        self._submit(write)
+
     def close(self) -> None:
         """Write pending frames and complete the file. Safe to call twice.
 
@@ -120,9 +111,9 @@ class FrameRecorder:
             while self._pending:
                 self._pending.popleft().result()
             if not self._is_cut:
-                self._try(self._file.complete)
+                self._try(self.file.complete)
         finally:
-            self._file.close()
+            self.file.close()
         if not self._is_failure_raised:
             self._raise_failure()
 
@@ -134,8 +125,8 @@ class FrameRecorder:
 
     def _encode(self, frame: RgbdFrame) -> _Images:
         return (
-            _encoded(frame.color_bgr, self._color_format),
-            _encoded(frame.depth_raw, self._depth_format),
+            _encoded(frame.color_bgr, self.file.color_format),
+            _encoded(frame.depth_raw, self.file.depth_format),
         )
 
     def _raise_failure(self) -> None:
@@ -155,7 +146,8 @@ class FrameRecorder:
     def _submit(self, write: Callable[[], None]) -> None:
         """Call a function on the writer's thread; wait while too many are pending."""
         self._pending.append(self._writer.submit(self._commit, write))
-        while len(self._pending) > self._max_pending or (self._pending and self._pending[0].done()):
+        limit = self.file.max_pending_frames
+        while len(self._pending) > limit or (self._pending and self._pending[0].done()):
             self._pending.popleft().result()
         self._raise_failure()
 
@@ -164,7 +156,7 @@ class FrameRecorder:
         if self._failure is None:
             self._try(write)
         if self._failure is None and time.monotonic() - self._flushed_s >= FLUSH_PERIOD_S:
-            self._try(self._file.flush)
+            self._try(self.file.flush)
             self._flushed_s = time.monotonic()
             self._check_disk_space()
 
@@ -173,18 +165,18 @@ class FrameRecorder:
         try:
             write()
         except OSError as error:
-            self._file.cut()
+            self.file.cut()
             self._is_cut = True
-            self._failure = WriteError.of(self.path, error, self._file.remark)
+            self._failure = WriteError.of(self.path, error, self.file.remark)
         except UserFacingError as error:
             self._failure = error
 
     def _check_disk_space(self) -> None:
         """End the recording while there is space for the end of the file."""
         try:
-            check_disk_space(self.path.parent, self._min_free_bytes)
+            check_disk_space(self.path.parent, self.file.min_free_bytes)
         except OSError as error:
-            self._failure = self._failure or WriteError.of(self.path, error, self._file.remark)
+            self._failure = self._failure or WriteError.of(self.path, error, self.file.remark)
 
     def _write_frame(
         self,
@@ -195,7 +187,7 @@ class FrameRecorder:
     ) -> None:
         if self._sink is None:
             start = min(stamps.color, stamps.depth)
-            self._sink = self._file.begin(calibration_of_frame(frame), start)
+            self._sink = self.file.begin(calibration_of_frame(frame), start)
         self._write_true_poses(self._sink, float(max(stamps.color, stamps.depth)))
         write_others()
         for reading in self._new_readings.take(frame.accelerometer):
@@ -204,7 +196,7 @@ class FrameRecorder:
         if frame.gravity_m_s2 is not None:
             self._sink.write_gravity(stamps.color, frame.gravity_m_s2)
         self._sink.write_frame(StoredFrame(stamps, *images.result()))
-        self._file.written += 1
+        self.file.written += 1
 
     def _write_true_poses(self, sink: RecordingSink, end_s: float) -> None:
         """Write the next true poses up to the first one after a time."""

@@ -9,6 +9,7 @@ from drivers.calibration import CameraCalibration
 from drivers.core.geometry import Array, Vector
 from drivers.recording.frame_encoding import FrameStamps
 from drivers.recording.image_decoding import BgrImage, DepthImage
+from drivers.recording.image_encoding import ColorFormat
 
 
 class StoredFrame(NamedTuple):
@@ -64,10 +65,18 @@ class RecordingFile(ABC):
     Attributes:
         path: The file or folder.
         written: Number of frames that it holds.
+        color_format: File format of the color images; None to store them raw.
+        depth_format: File format of the depth images; None to store them raw.
+        min_free_bytes: Left free on the disk.
+        max_pending_frames: Frames that may wait for a slow disk.
     """
 
     path: Path
     written: int = 0
+    color_format: ColorFormat | None = None
+    depth_format: ColorFormat | None = None
+    min_free_bytes: int = 0
+    max_pending_frames: int = 30
 
     @abstractmethod
     def begin(self, calibration: CameraCalibration, start: Decimal) -> RecordingSink:

@@ -12,13 +12,11 @@ from drivers.core.files import AppendOnlyFile, atomic_write
 from drivers.core.geometry import Array, Trajectory, Vector, format_pose_line
 from drivers.core.write_errors import check_disk_space, creating
 from drivers.recording.frame_encoding import format_stamp, round_to_microseconds
-from drivers.recording.frame_recorder import FrameRecorder
 from drivers.recording.image_decoding import JPEG_START, BgrImage, DepthImage
 from drivers.recording.image_encoding import ColorFormat, encode_image
 from drivers.recording.recording_sink import RecordingFile, RecordingSink, StoredFrame
 from drivers.tum.accelerometer import AccelerometerWriter
 
-MAX_PENDING_FRAMES = 4
 INDEX_FILES = {
     "rgb.txt": "timestamp filename",
     "depth.txt": "timestamp filename",
@@ -35,24 +33,29 @@ class TumFolder(RecordingFile, RecordingSink):
     Args:
         folder: Created; it must not exist or be empty.
         ground_truth: Written to groundtruth.txt at once; `write_true_pose` does nothing.
+        color_format: File format of raw color images.
         has_gravity: Whether the accelerometer's file gets the gravity of the frames, and not the
             readings.
-        min_free_bytes: What must be free on the disk.
+        min_free_bytes: Left free on the disk.
 
     Raises:
         InputError: No folder can have this name, or it is not empty.
         WriteError: The folder cannot be written.
     """
 
+    depth_format = ColorFormat.PNG
+    max_pending_frames = 4
+
     def __init__(
         self,
         folder: Path,
         ground_truth: Trajectory | None = None,
         *,
+        color_format: ColorFormat = ColorFormat.PNG,
         has_gravity: bool = True,
         min_free_bytes: int = 0,
     ) -> None:
-        self.path = folder
+        self.path, self.color_format, self.min_free_bytes = folder, color_format, min_free_bytes
         self._has_gravity = has_gravity
         self._has_failed = False
         self._index_files: list[AppendOnlyFile] = []
@@ -131,37 +134,6 @@ class TumFolder(RecordingFile, RecordingSink):
             atomic_write(self.path / "groundtruth.txt", _format_poses(ground_truth))
         for name, columns in INDEX_FILES.items():
             self._index_files.append(AppendOnlyFile(self.path / name, columns))
-
-
-class TumWriter(FrameRecorder):
-    """Records any camera into a folder in TUM format, see `TumFolder`.
-
-    Args:
-        folder: Created; it must not exist or be empty.
-        ground_truth: Written to groundtruth.txt.
-        color_format: File format of the color images.
-        min_free_bytes: Left free on the disk.
-
-    Raises:
-        InputError: No folder can have this name, or it is not empty.
-        WriteError: The folder cannot be written.
-    """
-
-    def __init__(
-        self,
-        folder: Path,
-        *,
-        ground_truth: Trajectory | None = None,
-        color_format: ColorFormat = ColorFormat.PNG,
-        min_free_bytes: int = 0,
-    ) -> None:
-        super().__init__(
-            TumFolder(folder, ground_truth, min_free_bytes=min_free_bytes),
-            color_format=color_format,
-            depth_format=ColorFormat.PNG,
-            min_free_bytes=min_free_bytes,
-            max_pending_frames=MAX_PENDING_FRAMES,
-        )
 
 
 def _as_file(image: bytes | BgrImage | DepthImage) -> bytes:

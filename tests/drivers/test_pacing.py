@@ -5,7 +5,7 @@ import sys
 import pytest
 
 from drivers.camera import FrameTimeout, PlaybackMode
-from drivers.pacing import HostClock, Pacer, make_pacer
+from drivers.pacing import DelayingPacer, HostClock, Pacer, make_pacer
 from tests.drivers.fake_host import FakeHost
 
 
@@ -66,3 +66,13 @@ def test_a_sleep_that_ends_early_is_continued() -> None:
     realtime.wait_until_due(0, 1.0)
     assert realtime.wait_until_due(1, 1.0) == 1
     assert host.now_s >= 5000.1
+
+
+def test_a_late_frame_delays_the_next_ones() -> None:
+    host = FakeHost()
+    pacer, delivered_s = DelayingPacer(host.clock), []
+    for stamp_s, rendering_s in ((7.0, 0.0), (7.1, 0.0), (7.2, 1.0), (7.3, 0.0), (7.4, 0.0)):
+        host.sleep(rendering_s)
+        host.sleep(pacer.seconds_until_due(stamp_s))
+        delivered_s.append(host.now_s - 5000.0)
+    assert delivered_s == pytest.approx([0.0, 0.1, 1.1, 1.2, 1.3])

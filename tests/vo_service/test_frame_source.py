@@ -33,31 +33,12 @@ def test_one_pass_lets_a_lost_camera_reach_the_caller() -> None:
         seqs(threading.Event(), FrameSource(camera))
 
 
-class ClockStop(threading.Event):
-    """Never set; whoever waits for it moves the clock."""
-
-    def __init__(self, clock: FakeClock) -> None:
-        super().__init__()
-        self._clock = clock
-
-    def wait(self, timeout: float | None = None) -> bool:
-        self._clock.now_s += max(0.0, timeout or 0.0)
-        return False
-
-
-def test_a_realtime_pass_is_never_faster_than_the_recording(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    clock = FakeClock(now_s=50.0)
-    monkeypatch.setattr(frame_source, "time", clock)
-    late = Delay(1.0, make_frame(2, stamp_s=7.2))
-    camera = ScriptedCamera(
-        [make_frame(0, 7.0), make_frame(1, 7.1), late, make_frame(3, 7.3), make_frame(4, 7.4)],
-        clock=clock,
-    )
+def test_a_paced_pass_waits_until_each_frame_is_due() -> None:
+    camera = ScriptedCamera([make_frame(0, 7.0), make_frame(1, 1007.0)])
     camera.open()
-    taken_s = [clock.now_s for _ in PacedSource(camera).frames(ClockStop(clock))]
-    assert taken_s == pytest.approx([50.0, 50.1, 51.1, 51.2, 51.3])
+    stop = InstantStop(3)
+    assert seqs(stop, PacedSource(camera)) == [0, 1]
+    assert stop.waited_s == pytest.approx([0.0, 1000.0], abs=500.0)
 
 
 def test_a_short_pause_has_no_reason_and_a_second_without_frames_has(

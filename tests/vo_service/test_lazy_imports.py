@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from drivers.tum.writer import TumWriter
+from drivers.recording.frame_recorder import FrameRecorder
+from drivers.tum.writer import TumFolder
 from tests.ports import free_port
 from tests.vo_service.corner_sequence import corner_frames
 
@@ -110,7 +111,7 @@ print([name for name in sys.modules if name.partition(".")[0] in ("drivers", "vo
 @pytest.mark.slow
 @pytest.mark.zenoh
 def test_a_run_imports_only_the_files_that_it_uses(tmp_path: Path) -> None:
-    with TumWriter(tmp_path / "recording") as writer:
+    with FrameRecorder(TumFolder(tmp_path / "recording")) as writer:
         for frame in corner_frames(3):
             writer.write(frame)
     config = tmp_path / "kinect.toml"

@@ -11,12 +11,13 @@ from pathlib import Path
 
 import pytest
 
-from drivers.bag.mcap_recorder import McapRecorder
+from drivers.bag.mcap_recording_file import McapRecordingFile
 from drivers.camera import PlaybackMode
 from drivers.core import UserFacingError, write_errors
 from drivers.playback.recording_formats import open_recording
 from drivers.recording import frame_recorder
-from drivers.tum.writer import TumWriter
+from drivers.recording.frame_recorder import FrameRecorder
+from drivers.tum.writer import TumFolder
 from tests.full_disk import limit_file_size
 from tests.read_only_folder import read_only
 from tests.vo_service.cli.cli_runner import run_in_process
@@ -42,7 +43,7 @@ DATA = 10_000 * b"x"
 
 
 def record_mcap(path: Path, midway: Callable[[], None]) -> None:
-    with McapRecorder(path) as recorder:
+    with FrameRecorder(McapRecordingFile(path)) as recorder:
         recorder.write(make_frame(0))
         midway()
         for seq in range(1, 20):
@@ -50,7 +51,7 @@ def record_mcap(path: Path, midway: Callable[[], None]) -> None:
 
 
 def record_folder(path: Path, midway: Callable[[], None]) -> None:
-    with TumWriter(path) as writer:
+    with FrameRecorder(TumFolder(path)) as writer:
         midway()
         for seq in range(20):
             writer.write(make_frame(seq))

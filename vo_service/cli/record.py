@@ -7,7 +7,6 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain, takewhile
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from drivers.camera import (
     CameraState,
@@ -21,10 +20,12 @@ from drivers.core import CameraError, CameraLostError, CameraNotFoundError, Inpu
 from drivers.core.geometry import Trajectory
 from drivers.playback.recording_formats import check_bag_packages
 from drivers.recording.bag_names import is_bag_file
+from drivers.recording.frame_recorder import FrameRecorder
 from drivers.recording.image_encoding import ColorFormat
+from drivers.recording.recording_sink import RecordingFile
 from drivers.registry import open_camera
 from drivers.synthetic.config import SyntheticConfig
-from drivers.tum.writer import TumWriter
+from drivers.tum.writer import TumFolder
 from vo_service.cli.options import (
     CameraFile,
     CameraSource,
@@ -38,9 +39,6 @@ from vo_service.frame_source import make_publish_clock
 from vo_service.signals import StopSignal, stop_on_signals
 from vo_service.terminal import Terminal
 from vo_service.tools.convert import OutputFormat, choose_format
-
-if TYPE_CHECKING:  # its packages are optional
-    from drivers.bag.mcap_recorder import McapRecorder
 
 EPILOG = """\
 examples:
@@ -114,7 +112,8 @@ def run(request: RecordRequest) -> int:
             recorded = takewhile(
                 lambda frame: frame.stamp_s - begin_s < request.seconds, chain([first], frames)
             )
-            writer = _create_writer(request, config, camera.ground_truth)
+            file = _create_file(request, config, camera.ground_truth)
+            writer = FrameRecorder(file, camera.ground_truth)
             written = _write_frames(writer, recorded, camera.frame_count, terminal)
     terminal.clear()
     print(
@@ -126,7 +125,7 @@ def run(request: RecordRequest) -> int:
 
 
 def _write_frames(
-    writer: "TumWriter | McapRecorder",
+    writer: FrameRecorder[RecordingFile],
     frames: Iterable[RgbdFrame],
     frame_count: int | None,
     terminal: Terminal,
@@ -155,20 +154,16 @@ def _check_output(request: RecordRequest) -> None:
         raise InputError("--raw is for FILE.mcap; a folder without --jpeg is lossless")
 
 
-def _create_writer(
+def _create_file(
     request: RecordRequest, config: Config, ground_truth: Trajectory | None
-) -> "TumWriter | McapRecorder":
+) -> RecordingFile:
     if request.output.suffix.lower() != MCAP_SUFFIX:
         color = ColorFormat.JPEG if request.jpeg else ColorFormat.PNG
-        return TumWriter(request.output, ground_truth=ground_truth, color_format=color)
-    from drivers.bag.mcap_recorder import McapRecorder  # its packages are optional
+        return TumFolder(request.output, ground_truth, color_format=color)
+    from drivers.bag.mcap_recording_file import McapRecordingFile  # its packages are optional
 
-    return McapRecorder(
-        request.output,
-        ground_truth=ground_truth,
-        T_base_camera=config.T_base_camera.T_base_camera,
-        is_raw=request.raw,
-    )
+    T_base_camera = config.T_base_camera.T_base_camera
+    return McapRecordingFile(request.output, T_base_camera=T_base_camera, is_raw=request.raw)
 
 
 def _play_once(synthetic: SyntheticConfig, max_duration_s: float) -> SyntheticConfig:

@@ -13,7 +13,7 @@ import numpy as np
 
 from drivers.bag.bag_writer import EncodedMessage
 from drivers.bag.frame_writer import BASE_FRAME, NAMESPACE, WORLD_FRAME
-from drivers.bag.mcap_recorder import McapRecorder
+from drivers.bag.mcap_recording_file import RESERVED_BYTES, McapRecordingFile
 from drivers.camera import PlaybackMode
 from drivers.core import UserFacingError
 from drivers.core.bounded_trajectory import SampledPath
@@ -21,6 +21,7 @@ from drivers.core.files import check_suffix, rotate_file
 from drivers.core.geometry import Array, Trajectory, inverse
 from drivers.core.queues import BlockingQueue, BoundedQueue, DropOldestQueue
 from drivers.core.write_errors import WriteError, check_disk_space, creating, is_disk_full
+from drivers.recording.frame_recorder import FrameRecorder
 from drivers.ros_messages.cdr import STRING_SCHEMA, encode_string
 from drivers.ros_messages.navigation import (
     ODOMETRY_SCHEMA,
@@ -48,6 +49,7 @@ from vo_service.types.odometry_update import OdometryUpdate
 from vo_service.types.outputs import GroundTruthSource, no_ground_truth
 
 logger = logging.getLogger(__name__)
+McapRecorder = FrameRecorder[McapRecordingFile]
 
 SUFFIX = ".mcap"
 FRAME_IDS = FrameIds("odom", BASE_FRAME, "map")
@@ -74,7 +76,7 @@ def open_mcap_recording(
     """
     check_suffix(path, [SUFFIX])
     if playback_mode is PlaybackMode.LOCKSTEP:
-        create = partial(McapRecorder, path, is_base_estimated=True)
+        create = partial(_create, path, RESERVED_BYTES)
         return McapOutput(path, create, BlockingQueue(2), ground_truth, LOCKSTEP_CLOSE_TIMEOUT_S)
     queue: BoundedQueue[Item] = DropOldestQueue(MAX_QUEUED)
     return McapOutput(path, partial(_create_next, path), queue, ground_truth, can_retry=True)
@@ -86,7 +88,12 @@ def _create_next(path: Path) -> McapRecorder:
         path.parent.mkdir(parents=True, exist_ok=True)
         check_disk_space(path.parent, MIN_FREE_BYTES + MIN_FILE_BYTES)
         rotate_file(path, max_files=sys.maxsize)
-    return McapRecorder(path, is_base_estimated=True, min_free_bytes=MIN_FREE_BYTES)
+    return _create(path, MIN_FREE_BYTES)
+
+
+def _create(path: Path, min_free_bytes: int) -> McapRecorder:
+    file = McapRecordingFile(path, is_base_estimated=True, min_free_bytes=min_free_bytes)
+    return FrameRecorder(file)
 
 
 class McapOutput(FileOutput[Item]):
@@ -176,7 +183,8 @@ class McapOutput(FileOutput[Item]):
             messages.append(_transforms("/tf", transforms))
             messages += self._path_messages(update)
         self._last_stamp_s = update.stamp_s, time.monotonic()
-        recorder.write_with_messages(update.frame.restamped(update.stamp_s), messages)
+        write_messages = partial(recorder.file.write_messages, messages)
+        recorder.write(update.frame.restamped(update.stamp_s), write_messages)
 
     def _path_messages(self, update: OdometryUpdate) -> list[EncodedMessage]:
         """Make the path to the pose, if it is due."""
@@ -220,7 +228,8 @@ class McapOutput(FileOutput[Item]):
         received_s: float,
     ) -> None:
         stamp_s = last_stamp_s + max(0.0, now_s - received_s)
-        recorder.write_messages([_string("/vo/status", stamp_s, encode_message(status))])
+        message = _string("/vo/status", stamp_s, encode_message(status))
+        recorder.write_besides(partial(recorder.file.write_messages, [message]))
 
     def _finish(self) -> None:
         try:

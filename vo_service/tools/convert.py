@@ -1,11 +1,9 @@
 """Lossless conversion of recordings between a folder, MCAP and bags."""
 
-import errno
 import heapq
 import logging
 import re
 import shutil
-import sqlite3
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from decimal import Decimal
@@ -224,7 +222,9 @@ def _open_output(
         _name_left_out(recording, path)
         return
     check_bag_packages(path)
-    with _open_bag_writer(path, output_format) as bag:
+    from drivers.bag.bag_writer import create_bag
+
+    with create_bag(path, output_format) as bag:
         if recording.topics is None:
             frames = _open_frame_writer(bag, recording, calibration)
             yield frames, _series(recording, frames)
@@ -281,27 +281,3 @@ def _name_left_out(recording: Recording, folder: Path) -> None:
 def _log_left_out(path: Path, topics: set[str], reason: str) -> None:
     if topics:
         _log.warning("%s: left out, because %s: %s", path, reason, ", ".join(sorted(topics)))
-
-
-@contextmanager
-def _open_bag_writer(path: Path, output_format: OutputFormat) -> Iterator["BagWriter"]:
-    from drivers.bag.bag_writer import McapWriter, Ros1Writer, Ros2Writer
-
-    path.parent.mkdir(parents=True, exist_ok=True)
-    if output_format is OutputFormat.MCAP:
-        with path.open("wb") as file:
-            mcap = McapWriter(file)
-            yield mcap
-            mcap.close()
-        return
-    try:
-        bag = Ros1Writer(path) if output_format is OutputFormat.ROS1 else Ros2Writer(path)
-        try:
-            yield bag
-            bag.close()
-        except BaseException:
-            bag.abort()
-            raise
-    except sqlite3.Error as error:  # of a ROS 2 bag
-        code = errno.ENOSPC if error.sqlite_errorcode == sqlite3.SQLITE_FULL else errno.EIO
-        raise OSError(code, str(error)) from error

@@ -9,7 +9,8 @@ import pytest
 
 from drivers.camera import EndOfStream, RgbdCamera, RgbdFrame
 from drivers.playback.camera import RecordingCamera
-from drivers.tum.writer import TumWriter
+from drivers.recording.frame_recorder import FrameRecorder
+from drivers.tum.writer import TumFolder
 from tests.simulators.oni_writer import OniImage, OniSensor, frames_to_oni_images, write_oni
 
 SIZE = (64, 48)
@@ -101,7 +102,7 @@ def small_oni(tmp_path: Path) -> Path:
 def in_millimeters(recording: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The recording of the corner as a folder, in whole millimeters and microseconds."""
     folder = tmp_path_factory.mktemp("recordings") / "millimeters"
-    with TumWriter(folder) as writer:
+    with FrameRecorder(TumFolder(folder)) as writer:
         for frame in read_all_frames(RecordingCamera(recording)):
             depth_mm = np.rint(frame.depth_m * 1000).astype(np.uint16)
             stamp_s = round(frame.stamp_s, 6)

@@ -6,22 +6,23 @@ import weakref
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from drivers.bag.mcap_recorder import McapRecorder
+from drivers.bag.mcap_recording_file import McapRecordingFile
 from drivers.camera import RgbdFrame
 from drivers.core import UserFacingError
 from drivers.core.geometry import Trajectory
 from drivers.playback.camera import RecordingCamera
 from drivers.recording import frame_recorder
 from drivers.recording.frame_recorder import FrameRecorder
-from drivers.tum.writer import TumWriter
+from drivers.tum.writer import TumFolder
 from tests.full_disk import limit_file_size
 
 FrameMaker = Callable[..., RgbdFrame]
-MakeRecorder = Callable[..., FrameRecorder]
+MakeRecorder = Callable[..., FrameRecorder[Any]]
 # What may wait for the disk, and the frame that the writer has.
 MAX_ALIVE = {"folder": 4 + 2, "mcap": 30 + 2}
 
@@ -36,15 +37,15 @@ def kind(request: pytest.FixtureRequest) -> str:
 def make_recorder(kind: str, tmp_path: Path) -> MakeRecorder:
     """A lossless recorder."""
 
-    def make(truth: Trajectory | None = None) -> FrameRecorder:
+    def make(truth: Trajectory | None = None) -> FrameRecorder[Any]:
         if kind == "folder":
-            return TumWriter(tmp_path / "r", ground_truth=truth)
-        return McapRecorder(tmp_path / "r.mcap", ground_truth=truth, is_raw=True)
+            return FrameRecorder(TumFolder(tmp_path / "r", ground_truth=truth))
+        return FrameRecorder(McapRecordingFile(tmp_path / "r.mcap", is_raw=True), truth)
 
     return make
 
 
-def replay(recorder: FrameRecorder) -> list[RgbdFrame]:
+def replay(recorder: FrameRecorder[Any]) -> list[RgbdFrame]:
     with RecordingCamera(recorder.path) as camera:
         return list(camera)
 

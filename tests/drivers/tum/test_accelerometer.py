@@ -11,8 +11,9 @@ from drivers.camera import AccelerometerReading, RgbdFrame
 from drivers.core import InputError
 from drivers.core.geometry import Vector
 from drivers.playback.camera import RecordingCamera
+from drivers.recording.frame_recorder import FrameRecorder
 from drivers.tum.accelerometer import ACCELEROMETER_FILE, AccelerometerWriter, read_accelerometer
-from drivers.tum.writer import TumWriter
+from drivers.tum.writer import TumFolder
 
 FolderMaker = Callable[..., Path]
 FrameMaker = Callable[..., RgbdFrame]
@@ -20,7 +21,7 @@ LEVEL: Vector = (0.0, 9.80665, 0.0)
 
 
 def record(folder: Path, frames: list[RgbdFrame]) -> Path:
-    with TumWriter(folder) as writer:
+    with FrameRecorder(TumFolder(folder)) as writer:
         for frame in frames:
             writer.write(frame)
     return folder

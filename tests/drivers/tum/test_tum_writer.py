@@ -11,8 +11,9 @@ from drivers.calibration import format_calibration, read_calibration
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core import InputError, UserFacingError
 from drivers.recording.frame_encoding import FrameStamps, format_stamp
+from drivers.recording.frame_recorder import FrameRecorder
 from drivers.recording.image_encoding import ColorFormat
-from drivers.tum.writer import TumWriter
+from drivers.tum.writer import TumFolder
 from tests.drivers.tum.read_recording import read_recording
 
 FolderMaker = Callable[..., Path]
@@ -33,7 +34,7 @@ def test_a_recorded_folder_replays_as_the_same_frames(
     make_folder: FolderMaker, tmp_path: Path
 ) -> None:
     first = read_recording(make_folder(count=12))
-    with TumWriter(tmp_path / "copy") as writer:
+    with FrameRecorder(TumFolder(tmp_path / "copy")) as writer:
         for frame in first:
             writer.write(frame)
     assert writer.written == 12
@@ -47,7 +48,7 @@ def test_the_depth_offset_is_in_the_stamps_and_counted_once(
     late = dataclasses.replace(read_calibration(folder / "camera.toml"), depth_offset_s=0.0071)
     (folder / "camera.toml").write_text(format_calibration(late))
     first = read_recording(folder)
-    with TumWriter(tmp_path / "copy") as writer:
+    with FrameRecorder(TumFolder(tmp_path / "copy")) as writer:
         for frame in first:
             writer.write(frame)
     assert first[0].skew_s == pytest.approx(0.0121)
@@ -68,7 +69,7 @@ def test_any_stamp_and_skew_can_be_written_exactly(stamp_s: float, skew_s: float
 
 
 def test_the_layout_is_that_of_the_benchmark(make_frame: FrameMaker, tmp_path: Path) -> None:
-    with TumWriter(tmp_path / "new/place") as writer:
+    with FrameRecorder(TumFolder(tmp_path / "new/place")) as writer:
         writer.write(make_frame(0, readout_s=0.02))
         writer.write(make_frame(1, readout_s=0.02, stamp_s=1000.5))
     folder = tmp_path / "new/place"
@@ -87,7 +88,7 @@ def test_the_layout_is_that_of_the_benchmark(make_frame: FrameMaker, tmp_path: P
 
 def test_jpeg_color_is_smaller_and_close(make_frame: FrameMaker, tmp_path: Path) -> None:
     frame = make_frame(0)
-    with TumWriter(tmp_path / "jpg", color_format=ColorFormat.JPEG) as writer:
+    with FrameRecorder(TumFolder(tmp_path / "jpg", color_format=ColorFormat.JPEG)) as writer:
         writer.write(frame)
     (read,) = read_recording(tmp_path / "jpg")
     assert (tmp_path / "jpg/rgb/1000.000000.jpg").is_file()
@@ -99,7 +100,7 @@ def test_a_folder_that_is_not_empty_is_rejected(make_folder: FolderMaker) -> Non
     folder = make_folder(count=1)
     before = sorted(folder.rglob("*"))
     with pytest.raises(InputError, match="is not empty; name a new folder"):
-        TumWriter(folder)
+        FrameRecorder(TumFolder(folder))
     assert sorted(folder.rglob("*")) == before
 
 
@@ -110,11 +111,11 @@ def test_an_unwritable_folder_is_rejected(tmp_path: Path) -> None:
             UserFacingError,
             match=r"cannot be written: .*; (use|check|create) ",
         ):
-            TumWriter(place)
+            FrameRecorder(TumFolder(place))
 
 
 def test_a_deleted_folder_is_one_clear_error(make_frame: FrameMaker, tmp_path: Path) -> None:
-    writer = TumWriter(tmp_path / "r")
+    writer = FrameRecorder(TumFolder(tmp_path / "r"))
     for seq in range(9):
         writer.write(make_frame(seq))
     (tmp_path / "r").rename(tmp_path / "elsewhere")

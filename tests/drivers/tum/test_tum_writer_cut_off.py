@@ -22,10 +22,11 @@ from pathlib import Path
 import numpy as np
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core import UserFacingError
-from drivers.tum.writer import TumWriter
+from drivers.recording.frame_recorder import FrameRecorder
+from drivers.tum.writer import TumFolder
 
 noise = np.random.default_rng(0)
-writer = TumWriter(Path(sys.argv[1]))
+writer = FrameRecorder(TumFolder(Path(sys.argv[1])))
 print("ready", flush=True)
 try:
     for k in range(int(sys.argv[2])):

@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from drivers.core.geometry import Array, Trajectory, rigid_transform, so3_exp
-from drivers.tum.writer import TumWriter
+from drivers.recording.frame_recorder import FrameRecorder
+from drivers.tum.writer import TumFolder
 from tests.vo_service.odometry.synthetic_views import render_corner
 
 # So many frames out, and as many back, twice; each 7 cm and half a degree from the last.
@@ -19,7 +20,7 @@ def write_loop_recording(folder: Path) -> Path:
     frames = [render_corner(_pose(seq), seq) for seq in range(FRAME_COUNT)]
     stamps_s = np.array([frame.stamp_s for frame in frames])
     truth = Trajectory(stamps_s, np.array([_pose(seq) for seq in range(FRAME_COUNT)]))
-    with TumWriter(folder, ground_truth=truth) as writer:
+    with FrameRecorder(TumFolder(folder, ground_truth=truth)) as writer:
         for frame in frames:
             writer.write(frame)
     return folder

@@ -15,7 +15,8 @@ from drivers.calibration import (
     read_calibration,
 )
 from drivers.camera import RgbdFrame
-from drivers.tum.writer import TumWriter
+from drivers.recording.frame_recorder import FrameRecorder
+from drivers.tum.writer import TumFolder
 from tests.vo_service.cli.cli_runner import run_in_process
 from tests.vo_service.odometry.direct.rolling_shutter_views import add_noise, render_view
 from tests.vo_service.odometry.direct.swinging_camera import SwingingCamera
@@ -28,7 +29,7 @@ READOUT_S, LATE_S = 0.017, -0.004
 
 def record(folder: Path, is_moving: bool = True) -> Path:
     """A second of a shaken camera; neither its stamps nor its camera file tell the timing."""
-    with TumWriter(folder) as writer:
+    with FrameRecorder(TumFolder(folder)) as writer:
         for n in range(30):
             view = render_view(
                 SwingingCamera(), n / 30 * is_moving, readout_s=READOUT_S, skew_s=LATE_S

@@ -11,7 +11,8 @@ import pytest
 
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse, read_trajectory
-from drivers.tum.writer import TumWriter
+from drivers.recording.frame_recorder import FrameRecorder
+from drivers.tum.writer import TumFolder
 from tests.simulators.fakenect_dump import write_fakenect_dump
 from tests.simulators.kinect_simulator import KinectSimulator, LoopMode
 from tests.simulators.oni_writer import frames_to_oni_images, write_oni
@@ -41,7 +42,7 @@ def frames() -> list[RgbdFrame]:
 def replayed(frames: list[RgbdFrame], tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> Path:
     """The trajectory that a replay of the folder writes."""
     folder, trajectory = tmp_path / "folder", tmp_path / "replayed.txt"
-    with TumWriter(folder) as writer:
+    with FrameRecorder(TumFolder(folder)) as writer:
         for frame in frames:
             writer.write(frame)
     run_in_process(capfd, "replay", folder, "--no-publish", "--trajectory", trajectory)

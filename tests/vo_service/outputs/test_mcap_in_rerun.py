@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.bag.mcap_recorder import McapRecorder
+from drivers.bag.mcap_recording_file import McapRecordingFile
 from drivers.camera import AccelerometerReading, PlaybackMode, RgbdFrame
 from drivers.core.geometry import T_BODY_CAMERA, Array, Trajectory, rigid_transform
+from drivers.recording.frame_recorder import FrameRecorder
 from tests.vo_service.outputs.rerun.rerun_recording import count_rows, read_column
 from vo_service.outputs.mcap_recording import open_mcap_recording
 from vo_service.outputs.rerun.web_viewer_server import no_telemetry_environment, rerun_binary
@@ -56,7 +57,7 @@ def recorded(tmp_path: Path, make_update: MakeUpdate) -> tuple[Path, list[RgbdFr
         replace(make_update(k).frame, depth_factor=1000.0, accelerometer=(READING,))
         for k in range(4)
     ]
-    with McapRecorder(tmp_path / "a.mcap", ground_truth=true_motion(frames)) as recorder:
+    with FrameRecorder(McapRecordingFile(tmp_path / "a.mcap"), true_motion(frames)) as recorder:
         for frame in frames:
             recorder.write(frame)
     return import_into_rerun(tmp_path / "a.mcap"), frames

@@ -12,11 +12,12 @@ from rosbags.typesys import get_types_from_msg
 
 from drivers.bag.bag_file import open_bag_file
 from drivers.bag.bag_storage import BagStorage
-from drivers.bag.mcap_recorder import McapRecorder
+from drivers.bag.mcap_recording_file import McapRecordingFile
 from drivers.camera import AccelerometerReading, RgbdFrame
 from drivers.core import InputError, UserFacingError
 from drivers.playback.camera import RecordingCamera
 from drivers.playback.recording_formats import open_recording
+from drivers.recording.frame_recorder import FrameRecorder
 from tests.drivers.bag.bag_maker import (
     FRAME,
     IMAGE,
@@ -120,7 +121,9 @@ def test_depth_is_raw_for_viewers_and_small_in_bags(
     name: str, kind: OutputFormat, tmp_path: Path
 ) -> None:
     for is_raw in (False, True):
-        with McapRecorder(tmp_path / f"{is_raw}.mcap", is_raw=is_raw) as recorder:
+        with FrameRecorder(
+            McapRecordingFile(tmp_path / f"{is_raw}.mcap", is_raw=is_raw)
+        ) as recorder:
             recorder.write(make_frame(0))
         convert_path(tmp_path / f"{is_raw}.mcap", tmp_path / f"{is_raw}" / name, kind)
         with AnyReader([tmp_path / f"{is_raw}" / name]) as reader:
@@ -146,7 +149,7 @@ def test_gravity_beside_readings_comes_along(tmp_path: Path) -> None:
     readings = tuple(
         AccelerometerReading(1000.0 + 0.01 * k, (0.1 * k, -9.7, 0.0)) for k in range(3)
     )
-    with McapRecorder(tmp_path / "a.mcap") as recorder:
+    with FrameRecorder(McapRecordingFile(tmp_path / "a.mcap")) as recorder:
         for k in range(2):
             frame = make_frame(k, 1000.1 + k / 30)
             gravity = (0.1, 9.7, 0.3 + 0.1 * k)

@@ -23,7 +23,8 @@ from drivers.core.files import (
 from drivers.core.geometry import COLUMNS, format_pose_line
 from drivers.core.process.record_ring import RecordRingReader, RingRecord
 from drivers.core.write_errors import writing
-from drivers.tum.writer import TumWriter
+from drivers.recording.frame_recorder import FrameRecorder
+from drivers.tum.writer import TumFolder
 from vo_service.frame_record import FrameMetadata, decode_frame, decode_metadata
 
 SCHEMA = 1
@@ -108,7 +109,7 @@ class IncidentWriter:
         if first is None:
             raise UserFacingError("no time was left to write a frame of the incident")
         offset_s = decode_metadata(first.metadata).clock_offset_s
-        with TumWriter(folder) as writer:
+        with FrameRecorder(TumFolder(folder)) as writer:
             for record in chain([first], records):
                 writer.write(decode_frame(record, offset_s))
                 self._written.append(decode_metadata(record.metadata))

@@ -17,8 +17,9 @@ from drivers.core.files import check_writable
 from drivers.core.process.record_ring import RecordRingReader, RingRecord
 from drivers.core.process.service_connection import ServiceConnection
 from drivers.core.write_errors import writing
+from drivers.recording.frame_recorder import FrameRecorder
 from drivers.recording.image_encoding import ColorFormat
-from drivers.tum.writer import TumWriter
+from drivers.tum.writer import TumFolder
 from vo_service.config_tables import MIN_FREE_BYTES
 from vo_service.frame_record import decode_frame, decode_metadata
 from vo_service.outputs.recorder.incidents import IncidentStore, IncidentWriter, select_last_frames
@@ -67,7 +68,7 @@ class RecordingWriter:
         self.missed_frames = 0
         self._ring, self._send_result = ring, send_result
         self._next_record, self._end_frame = first_frame, sys.maxsize
-        self._writer: TumWriter | None = None  # from the first frame on
+        self._writer: FrameRecorder[TumFolder] | None = None  # from the first frame on
         self._offset_s = 0.0
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="recording", daemon=True)
@@ -115,8 +116,8 @@ class RecordingWriter:
     def _write(self, record: RingRecord, stack: ExitStack) -> None:
         if self._writer is None:
             self._offset_s = decode_metadata(record.metadata).clock_offset_s
-            writer = TumWriter(
-                self.folder, color_format=COLOR_FORMAT, min_free_bytes=MIN_FREE_BYTES
+            writer = FrameRecorder(
+                TumFolder(self.folder, color_format=COLOR_FORMAT, min_free_bytes=MIN_FREE_BYTES)
             )
             self._writer = stack.enter_context(writer)
         self._writer.write(decode_frame(record, self._offset_s))

@@ -28,8 +28,9 @@ from drivers.camera import (
     SensorConfig,
 )
 from drivers.core import CameraError, InputError, UserFacingError
+from drivers.recording.frame_recorder import FrameRecorder
 from drivers.registry import open_camera
-from drivers.tum.writer import TumWriter
+from drivers.tum.writer import TumFolder
 from vo_service.terminal import Terminal
 from vo_service.tools.calibration.board import Board, BoardCorners
 from vo_service.tools.calibration.collect_folder import (
@@ -208,5 +209,5 @@ def _open_frame_writer(folder: Path | None) -> Iterator[Callable[[RgbdFrame], No
     if folder is None:
         yield lambda frame: None
         return
-    with TumWriter(folder) as writer:
+    with FrameRecorder(TumFolder(folder)) as writer:
         yield writer.write

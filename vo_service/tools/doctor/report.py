@@ -17,8 +17,9 @@ from drivers.camera import RgbdCamera
 from drivers.core import InputError
 from drivers.core.files import atomic_file
 from drivers.core.write_errors import creating, writing
+from drivers.recording.frame_recorder import FrameRecorder
 from drivers.recording.image_encoding import ColorFormat
-from drivers.tum.writer import TumWriter
+from drivers.tum.writer import TumFolder
 from vo_service.tools.doctor.stream_probe import probe_stream
 from vo_service.tools.doctor.usb_probe import KernelUsbDevice, list_usb_devices
 
@@ -183,7 +184,9 @@ def add_report_contents(report: BugReport, camera: RgbdCamera) -> str:
     for name, text in read_journals().items():
         report.add_text(name, text)
     # Depth is lossless. Color is JPEG, so that the file is small enough to send.
-    with TumWriter(report.folder / "frames", color_format=ColorFormat.JPEG) as writer:
+    with FrameRecorder(
+        TumFolder(report.folder / "frames", color_format=ColorFormat.JPEG)
+    ) as writer:
         sample = probe_stream(camera, RECORDED_DURATION_S, writer.write)
     if sample.error:
         report.add_text("frames/error.txt", f"{sample.error}\n")

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from drivers.core.geometry import pose_distance
+from drivers.recording.frame_recorder import FrameRecorder
 from drivers.tum.folder import open_tum_folder
-from drivers.tum.writer import TumWriter
+from drivers.tum.writer import TumFolder
 from tests.vo_service.corner_sequence import corner_frames, corner_pose
 from vo_service.tools.compare.baselines.orb_slam import OrbSlamFactory, format_settings
 from vo_service.tools.compare.baselines.orb_vocabulary import VocabularyFile
@@ -20,7 +21,7 @@ FRAMES = 6
 
 @pytest.fixture
 def recording(tmp_path: Path) -> Path:
-    with TumWriter(tmp_path / "corner") as writer:
+    with FrameRecorder(TumFolder(tmp_path / "corner")) as writer:
         for frame in corner_frames(FRAMES):
             writer.write(frame)
     return tmp_path / "corner"

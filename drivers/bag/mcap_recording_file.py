@@ -1,10 +1,9 @@
-"""Recording of any camera into an MCAP file that survives a crash."""
+"""MCAP files for the recording of any camera, which survive a crash."""
 
 import logging
 from collections.abc import Sequence
 from contextlib import suppress
 from decimal import Decimal
-from functools import partial
 from io import FileIO
 from pathlib import Path
 from typing import IO, Any, cast
@@ -14,8 +13,7 @@ from mcap.writer import CompressionType
 from drivers.bag.bag_writer import EncodedMessage, McapWriter
 from drivers.bag.frame_writer import FrameWriter
 from drivers.calibration import CameraCalibration
-from drivers.camera import RgbdFrame
-from drivers.core.geometry import T_BODY_CAMERA, Array, Trajectory
+from drivers.core.geometry import T_BODY_CAMERA, Array
 from drivers.core.write_errors import (
     WriteError,
     check_disk_space,
@@ -23,7 +21,6 @@ from drivers.core.write_errors import (
     creating,
     writing,
 )
-from drivers.recording.frame_recorder import FrameRecorder
 from drivers.recording.image_encoding import ColorFormat
 from drivers.recording.recording_sink import RecordingFile, RecordingSink
 
@@ -38,10 +35,10 @@ class McapRecordingFile(RecordingFile):
 
     Args:
         path: New file.
-        compression: Of its chunks.
-        min_free_bytes: What must be free on the disk.
         T_base_camera: 4x4 pose of the camera in the robot's base; may be set until `begin`.
         is_base_estimated: Whether others write the transform to the base, see `FrameWriter`.
+        is_raw: Write color as it is. Otherwise it is JPEG, which loses a little.
+        min_free_bytes: Left free on the disk.
 
     Raises:
         InputError: The file exists, or no file can have this name.
@@ -51,13 +48,14 @@ class McapRecordingFile(RecordingFile):
     def __init__(
         self,
         path: Path,
-        compression: CompressionType,
-        min_free_bytes: int,
-        T_base_camera: Array,
         *,
-        is_base_estimated: bool,
+        T_base_camera: Array = T_BODY_CAMERA,
+        is_base_estimated: bool = False,
+        is_raw: bool = False,
+        min_free_bytes: int = RESERVED_BYTES,
     ) -> None:
-        self.path = path
+        self.path, self.min_free_bytes = path, min_free_bytes
+        self.color_format = None if is_raw else ColorFormat.JPEG
         self.T_base_camera, self._is_base_estimated = T_base_camera, is_base_estimated
         self._flushed_bytes = self._flushed_frames = 0
         with creating(path):
@@ -66,24 +64,30 @@ class McapRecordingFile(RecordingFile):
             self._file = path.open("xb", buffering=0)
         try:
             with writing(path):
-                self.messages = McapWriter(
-                    cast(IO[bytes], _UnbufferedStream(self._file)), compression
-                )
+                # Zstandard is better, but takes half of a core for raw color.
+                compression = CompressionType.LZ4 if is_raw else CompressionType.ZSTD
+                stream = cast(IO[bytes], _UnbufferedStream(self._file))
+                self._writer = McapWriter(stream, compression)
         except WriteError:
             self.close()
             raise
 
     def begin(self, calibration: CameraCalibration, start: Decimal) -> RecordingSink:
         return FrameWriter(
-            self.messages,
+            self._writer,
             calibration,
             start,
             T_base_camera=self.T_base_camera,
             is_base_estimated=self._is_base_estimated,
         )
 
+    def write_messages(self, messages: Sequence[EncodedMessage]) -> None:
+        """Write messages of ROS 2, in CDR. Raises OSError."""
+        for message in messages:
+            self._writer.write(message)
+
     def flush(self) -> None:
-        self.messages.flush()
+        self._writer.flush()
         check_in_place(self._file.fileno(), self.path)
         self._flushed_bytes, self._flushed_frames = self._file.tell(), self.written
 
@@ -96,7 +100,7 @@ class McapRecordingFile(RecordingFile):
             _log.warning("%s: cannot be cut: %s", self.path, error.strerror)
 
     def complete(self) -> None:
-        self.messages.close()
+        self._writer.close()
         check_in_place(self._file.fileno(), self.path)
 
     def close(self) -> None:
@@ -111,59 +115,6 @@ class McapRecordingFile(RecordingFile):
     def remark(self) -> str:
         has_frames = self.written and self.path.exists()
         return "the frames recorded so far can be replayed" if has_frames else ""
-
-
-class McapRecorder(FrameRecorder):
-    """Records any camera, and other messages, into an MCAP file, see `McapRecordingFile`.
-
-    Args:
-        path: New file.
-        ground_truth: Written up to each frame; may be set until the first one.
-        T_base_camera: 4x4 pose of the camera in the robot's base; may be set until the first frame.
-        is_base_estimated: Whether `messages` have the transform to the base, see `FrameWriter`.
-        is_raw: Write color as it is. Otherwise it is JPEG, which loses a little.
-        min_free_bytes: Left free on the disk.
-
-    Raises:
-        InputError: The file exists, or no file can have this name.
-        WriteError: It cannot be written.
-    """
-
-    def __init__(
-        self,
-        path: Path,
-        *,
-        ground_truth: Trajectory | None = None,
-        T_base_camera: Array = T_BODY_CAMERA,
-        is_base_estimated: bool = False,
-        is_raw: bool = False,
-        min_free_bytes: int = RESERVED_BYTES,
-    ) -> None:
-        # Zstandard is better, but takes half of a core for raw color.
-        compression = CompressionType.LZ4 if is_raw else CompressionType.ZSTD
-        self.file = McapRecordingFile(
-            path, compression, min_free_bytes, T_base_camera, is_base_estimated=is_base_estimated
-        )
-        super().__init__(
-            self.file,
-            color_format=None if is_raw else ColorFormat.JPEG,
-            depth_format=None,
-            ground_truth=ground_truth,
-            min_free_bytes=min_free_bytes,
-        )
-
-    def write_messages(self, messages: Sequence[EncodedMessage]) -> None:
-        """Add messages that belong to no frame. Raises as `write`."""
-        self._raise_failure()
-        self._submit(partial(self._write_now, messages))
-
-    def write_with_messages(self, frame: RgbdFrame, messages: Sequence[EncodedMessage]) -> None:
-        """Add a frame and messages about it. Raises as `write`."""
-        self.write(frame, partial(self._write_now, messages))
-
-    def _write_now(self, messages: Sequence[EncodedMessage]) -> None:
-        for message in messages:
-            self.file.messages.write(message)
 
 
 class _UnbufferedStream:

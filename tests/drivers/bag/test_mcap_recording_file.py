@@ -12,14 +12,15 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 from ruamel.yaml import YAML
 
-from drivers.bag import mcap_recorder
-from drivers.bag.mcap_recorder import McapRecorder
+from drivers.bag import mcap_recording_file
+from drivers.bag.mcap_recording_file import McapRecordingFile
 from drivers.camera import AccelerometerReading, RgbdFrame
 from drivers.core import UserFacingError, write_errors
 from drivers.core.geometry import Trajectory, rigid_transform
 from drivers.playback.camera import RecordingCamera
 from drivers.playback.recording_formats import open_recording
 from drivers.recording import frame_recorder
+from drivers.recording.frame_recorder import FrameRecorder
 
 FrameMaker = Callable[..., RgbdFrame]
 
@@ -30,7 +31,7 @@ def replay(path: Path) -> list[RgbdFrame]:
 
 
 def record(path: Path, frames: list[RgbdFrame], is_raw: bool = False) -> None:
-    with McapRecorder(path, is_raw=is_raw) as recorder:
+    with FrameRecorder(McapRecordingFile(path, is_raw=is_raw)) as recorder:
         for frame in frames:
             recorder.write(frame)
     assert recorder.written == len(frames)
@@ -51,7 +52,7 @@ def test_other_programs_read_the_messages(make_frame: FrameMaker, tmp_path: Path
     readings = (AccelerometerReading(999.9, (0.1, -9.7, 0.0)),)
     frame = make_frame(0, depth_factor=1000.0, gravity_m_s2=(0.0, 9.8, 0.0), accelerometer=readings)
     truth = Trajectory(np.array([1000.0]), rigid_transform(np.eye(3), [1.0, 2.0, 3.0])[None])
-    with McapRecorder(tmp_path / "a.mcap", ground_truth=truth) as recorder:
+    with FrameRecorder(McapRecordingFile(tmp_path / "a.mcap"), truth) as recorder:
         recorder.write(frame)
     with AnyReader([tmp_path / "a.mcap"]) as reader:
         found = {
@@ -135,7 +136,7 @@ def test_each_reading_of_the_accelerometer_is_recorded_once_with_its_stamp(
 
 def test_the_ground_truth_ends_after_the_last_frame(make_frame: FrameMaker, tmp_path: Path) -> None:
     truth = Trajectory(np.arange(990.0, 2000.0), np.tile(np.eye(4), (1010, 1, 1)))
-    with McapRecorder(tmp_path / "a.mcap", ground_truth=truth) as recorder:
+    with FrameRecorder(McapRecordingFile(tmp_path / "a.mcap"), truth) as recorder:
         for k in range(2):
             recorder.write(make_frame(k, stamp_s=1000.0 + k / 30))
     read = open_recording(tmp_path / "a.mcap").ground_truth
@@ -147,10 +148,10 @@ def test_a_disk_that_fills_leaves_a_whole_file(
     make_frame: FrameMaker, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(frame_recorder, "FLUSH_PERIOD_S", 0.0)
-    free = iter([mcap_recorder.RESERVED_BYTES] * 6)
+    free = iter([mcap_recording_file.RESERVED_BYTES] * 6)
     monkeypatch.setattr(write_errors, "free_disk_bytes", lambda _: next(free, 0))
     with pytest.raises(UserFacingError, match=r"the disk is full \(less than 0\.016 GB are left\)"):  # noqa: PT012, SIM117
-        with McapRecorder(tmp_path / "a.mcap") as recorder:
+        with FrameRecorder(McapRecordingFile(tmp_path / "a.mcap")) as recorder:
             for k in range(1000):
                 recorder.write(make_frame(k))
     assert len(replay(tmp_path / "a.mcap")) == 6
@@ -162,12 +163,13 @@ import sys
 from itertools import count
 from pathlib import Path
 import numpy as np
-from drivers.bag.mcap_recorder import McapRecorder
+from drivers.bag.mcap_recording_file import McapRecordingFile
+from drivers.recording.frame_recorder import FrameRecorder
 from drivers.camera import PinholeCamera, RgbdFrame
 
 noise = np.random.default_rng(0)
 camera = PinholeCamera(64, 48, 60.0, 60.0, 31.5, 23.5)
-recorder = McapRecorder(Path(sys.argv[1]))
+recorder = FrameRecorder(McapRecordingFile(Path(sys.argv[1])))
 for k in count():
     color = noise.integers(0, 256, (48, 64, 3), dtype=np.uint8)
     depth = noise.integers(0, 65536, (48, 64), dtype=np.uint16)

@@ -9,6 +9,7 @@ from typing import Any
 import zenoh
 
 from drivers.core import InputError
+from drivers.ros_messages.navigation import ODOMETRY_SCHEMA
 from vo_service.client.connection import (
     ServiceUnavailable,
     check_command_name,
@@ -35,7 +36,6 @@ from vo_service.client.subscription import (
     require_fresh,
 )
 from vo_service.config_tables import DEFAULT_ENDPOINT
-from vo_service.ros_messages.navigation import ODOMETRY_SCHEMA
 from vo_service.types.commands import Reply, TypedCommand
 from vo_service.types.messages import JsonObject, decode_message, parse_json_message
 from vo_service.wheel_odometry.planar_pose import PlanarPose, PlanarTwist

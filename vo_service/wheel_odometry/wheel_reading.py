@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vo_service.ros_messages.cdr import BytesLike
-from vo_service.ros_messages.decoding import decode_odometry
-from vo_service.ros_messages.navigation import OdometryMessage, encode_odometry
+from drivers.ros_messages.cdr import BytesLike
+from drivers.ros_messages.decoding import decode_odometry
+from drivers.ros_messages.navigation import OdometryMessage, encode_odometry
 from vo_service.wheel_odometry.planar_pose import PlanarPose, PlanarTwist, planar_part
 
 # Many drivers send 0 for what they do not know, or 1e6; m^2/s^2 and rad^2/s^2.

@@ -5,6 +5,7 @@ import logging
 import numpy as np
 import pytest
 
+from drivers.ros_messages.cdr import CdrWriter, encode_string
 from tests.vo_service.wheel_odometry.wheel_driver import (
     CURVE,
     FRAME_S,
@@ -18,7 +19,6 @@ from tests.vo_service.wheel_odometry.wheel_driver import (
     wheel_odometry,
 )
 from vo_service.config_tables import WheelOdometryConfig
-from vo_service.ros_messages.cdr import CdrWriter, encode_string
 from vo_service.wheel_odometry.planar_pose import PlanarPose, PlanarTwist
 from vo_service.wheel_odometry.wheel_odometry import WheelOdometry
 

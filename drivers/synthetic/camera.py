@@ -20,9 +20,10 @@ from drivers.camera import (
     RgbdFrame,
 )
 from drivers.core import CameraError, CameraLostError, CameraNotFoundError, InputError
-from drivers.core.geometry import STANDARD_GRAVITY_M_S2, Trajectory, Vector
+from drivers.core.geometry import Trajectory
 from drivers.faulty_camera import FaultKind, FaultyCamera
 from drivers.pacing import HOST_CLOCK, HostClock, make_pacer
+from drivers.synthetic.accelerometer import SyntheticAccelerometer
 from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.frame_provider import FrameProvider
 from drivers.synthetic.motions import make_motion
@@ -71,6 +72,7 @@ class SyntheticCamera(RgbdCamera):
             playback_mode, lambda seq: seq / config.rate_hz + latency_s, count, host
         )
         self._motion = make_motion(config, ROOM_HEIGHT_M)
+        self._accelerometer = SyntheticAccelerometer(config, self._motion)
         self._last_seq = count - 1
         rate_hz = config.rate_hz if self._is_live else 0.0
         self._frame_provider = FrameProvider(config, folder, rate_hz, threads)
@@ -177,7 +179,6 @@ class SyntheticCamera(RgbdCamera):
     def _make_frame(self, seq: int) -> RgbdFrame:
         images = self._frame_provider.read(seq)
         stamp_s = self._stamp_s(seq)
-        x, y, z = gravity_m_s2 = self._gravity(seq)
         return RgbdFrame(
             seq=seq,
             stamp_s=stamp_s,
@@ -187,8 +188,8 @@ class SyntheticCamera(RgbdCamera):
             depth_factor=self._config.depth_factor,
             camera=self._config.camera,
             skew_s=self._config.timing.skew_s,
-            gravity_m_s2=gravity_m_s2,
-            accelerometer=(AccelerometerReading(stamp_s, (-x, -y, -z)),),
+            gravity_m_s2=self._accelerometer.gravity_m_s2(seq),
+            accelerometer=(AccelerometerReading(stamp_s, self._accelerometer.reading_m_s2(seq)),),
             readout_s=self._config.timing.readout_s,
         )
 
@@ -196,12 +197,6 @@ class SyntheticCamera(RgbdCamera):
         """Stamp of a frame in whole microseconds."""
         start_s = self._pacer.start_s if self._is_live else FIRST_STAMP_S
         return round(start_s + seq / self._config.rate_hz, 6)
-
-    def _gravity(self, seq: int) -> Vector:
-        """The reading of a perfect accelerometer in camera axes; the room's z is up."""
-        instant_s = np.array([seq / self._config.rate_hz])
-        x, y, z = (-STANDARD_GRAVITY_M_S2 * self._motion.poses(instant_s)[0, 2, :3]).tolist()
-        return (x, y, z)
 
 
 def make_synthetic_camera(

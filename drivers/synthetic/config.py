@@ -100,6 +100,18 @@ class ShutterTiming:
     skew_s: Annotated[float, "depth after color, seconds; at most half a frame"] = 0.010
 
 
+@dataclass(frozen=True)
+class AccelerometerModel:
+    """The accelerometer, which measures motion as well. The defaults are those of a Kinect v1."""
+
+    noise_m_s2: Annotated[float, Field("noise of a reading, m/s^2", minimum=0.0)] = 0.2
+    bias_m_s2: Annotated[tuple[float, float, float], "constant error, m/s^2, in camera axes"] = (
+        0.12,
+        -0.08,
+        0.12,
+    )
+
+
 class DynamicObjectKind(StrEnum):
     """Kinds of moving objects."""
 
@@ -169,6 +181,7 @@ class SyntheticConfig:
     color: ColorSensorModel = field(default_factory=ColorSensorModel)
     depth: DepthSensorModel = field(default_factory=DepthSensorModel)
     timing: ShutterTiming = field(default_factory=ShutterTiming)
+    accelerometer: AccelerometerModel = field(default_factory=AccelerometerModel)
     movers: Annotated[tuple[DynamicObjectConfig, ...], "moving objects"] = ()
     faults: Annotated[tuple[Fault, ...], "faults to inject, each into a range of frames"] = ()
 
@@ -229,6 +242,7 @@ class SyntheticConfig:
                 max_range_m=13.0,
             ),
             timing=ShutterTiming(readout_s=0.0, skew_s=0.0),
+            accelerometer=AccelerometerModel(noise_m_s2=0.0, bias_m_s2=(0.0, 0.0, 0.0)),
         )
 
     @classmethod

@@ -320,8 +320,11 @@ class NullRecovery(SurfRecovery):
 
 
 RECOVERIES = {"without": NullRecovery, "with": SurfRecovery}
-CORRUPTED_FIGURES = ("lost", "epochs", "ATE", "CPU ms")
-CORRUPTED_TABLE = Table(16, "frames:9", *[":9"] * 8)
+CORRUPTED_FIGURES = {"lost": "16d", "epochs": "16d", "ATE": "16.1f", "CPU ms": "16.1f"}
+CORRUPTED_TABLE = Table(
+    *(16, "frames:9d"),
+    *(f"{name} {case}:{width}" for name, width in CORRUPTED_FIGURES.items() for case in RECOVERIES),
+)
 
 
 @dataclass(frozen=True)
@@ -352,7 +355,7 @@ def measure_corrupted(args: argparse.Namespace) -> None:
     for folder in args.folder:
         with open_frames(folder) as (all_frames, truth):
             frames = list(all_frames)
-        print(f"{folder}\n{format_corrupted_header()}")
+        print(f"{folder}\n{CORRUPTED_TABLE.head}")
         for name, corruption in CORRUPTIONS.items():
             corrupted = corruption.apply(frames)
             both = [
@@ -379,18 +382,11 @@ def _track_corrupted(
     )
 
 
-def format_corrupted_header() -> str:
-    """Format the column heads."""
-    names = [part for name in CORRUPTED_FIGURES for part in (name, "")]
-    heads = (("frames", *names), ("", *tuple(RECOVERIES) * len(CORRUPTED_FIGURES)))
-    return "\n".join(CORRUPTED_TABLE.text_row("", *line) for line in heads)
-
-
 def format_corrupted_row(name: str, both: Sequence[RecoveryOutcome]) -> str:
     """Format one corruption: each figure without recovery, then with it."""
-    cells = [f"{both[0].frames}", *(f"{o.lost}" for o in both), *(f"{o.epochs}" for o in both)]
-    cells += [*(format_mm(o.ate_m) for o in both), *(f"{o.cpu_ms:.1f}" for o in both)]
-    return CORRUPTED_TABLE.text_row(name, *cells)
+    without, with_ = ((o.lost, o.epochs, to_mm(o.ate_m), o.cpu_ms) for o in both)
+    values = [value for pair in zip(without, with_, strict=True) for value in pair]
+    return CORRUPTED_TABLE.row(name, both[0].frames, *values)
 
 
 VARIANTS: Variants = {

@@ -1,12 +1,16 @@
-"""Run the commands of docs/results again and write their output into the pages.
+"""Run the commands of docs/results again, and write their figures into the data and the pages.
 
     python -m benchmarks results KEPT [--data FOLDER] [--only WORD...] [--list]
+    python -m benchmarks results --pages
 
-A page has blocks of `console`: a line `$ COMMAND  # DATE, COMMIT`, and the output of the command.
-Each command runs in turn, and its block gets the new output, date and commit. KEPT/results.jsonl
-has one JSON object for each command that has run: command, exit code, seconds, output. A command
-that has a result there is not run again; remove KEPT to measure everything anew. A benchmark whose
-exit code 1 says that a limit was exceeded has a result.
+Each page of docs/results has its figures in a JSON file beside it: for each result the command,
+the date, the commit, the machine and a table. The blocks of a page between the comments
+`result: NAME` and `end`, and the plots, are written from these data; `--pages` does only that.
+
+The commands run in turn, except those marked `by_hand`, which take hours or print several tables.
+KEPT/results.jsonl has one JSON object for each command that has run: command, exit code, seconds,
+output. A command that has a result there is not run again; remove KEPT to measure everything anew.
+A benchmark whose exit code 1 says that a limit was exceeded has a result.
 
 `kinect-vo` and `python` are those of this environment. Names of recordings are folders in the
 folder of `--data`, or of KINECT_VO_DATA. Nothing else should run on the computer meanwhile.
@@ -15,6 +19,7 @@ folder of `--data`, or of KINECT_VO_DATA. Nothing else should run on the compute
 import argparse
 import json
 import os
+import platform
 import re
 import shlex
 import subprocess
@@ -26,15 +31,13 @@ from dataclasses import asdict, dataclass
 from datetime import date
 from pathlib import Path
 
+from benchmarks.console_tables import read_tables
+from benchmarks.result_pages import PAGES, ResultData, read_results, write_page, write_results
 from drivers.core import InputError
-from drivers.core.files import atomic_write
 from vo_service.terminal import Terminal
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = ROOT / "docs" / "results"
 RESULTS_FILE = "results.jsonl"
-# The command, over several lines if they end with a backslash, its comment, and the output.
-BLOCK = re.compile(r"(?ms)^```console\n\$ (?P<command>(?:[^\n]*\\\n)*[^\n#]*)(?:#[^\n]*)?\n.*?^```")
 
 
 @dataclass(frozen=True)
@@ -44,7 +47,9 @@ class CommandResult:
     command: str
     exit_code: int
     seconds: float
-    made: str
+    date: str
+    commit: str
+    machine: str
     output: str
 
     @property
@@ -55,53 +60,45 @@ class CommandResult:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument("folder", metavar="KEPT", type=Path, help="folder of the results")
+    parser.add_argument("folder", metavar="KEPT", nargs="?", type=Path, help="folder of results")
     parser.add_argument("--data", type=Path, help="folder of the recordings")
     parser.add_argument("--only", nargs="+", default=[], help="only commands with one of the words")
     parser.add_argument("--list", action="store_true", help="print the commands and run nothing")
+    parser.add_argument("--pages", action="store_true", help="write the pages and run nothing")
 
 
 def main(args: argparse.Namespace) -> int:
-    """Run the commands and write the pages; return 1 if a command fails."""
-    pages = sorted(PAGES.glob("*.md"))
+    """Run the commands, write data and pages; return 1 if a command fails."""
+    files = sorted(PAGES.glob("*.json"))
     commands = [
-        command
-        for page in pages
-        for command in find_commands(page.read_text())
-        if not args.only or any(word in command for word in args.only)
+        result.command
+        for file in files
+        for result in read_results(file)
+        if not result.by_hand
+        and (not args.only or any(word in result.command for word in args.only))
     ]
     if args.list:
         print(*commands, sep="\n")
         return 0
-    results = run_commands(commands, args.folder, args.data or _data_folder())
-    for page in pages:
-        text = page.read_text()
-        new_text = write_outputs(text, results)
-        if new_text != text:
-            atomic_write(page, new_text.encode())
-    failed = [result for result in results if result.has_failed]
+    if not (args.pages or args.folder):
+        raise InputError("name a folder for the results: python -m benchmarks results KEPT")
+    done = [] if args.pages else run_commands(commands, args.folder, args.data or _data_folder())
+    for file in files:
+        write_results(file, [update(result, done) for result in read_results(file)])
+        write_page(file)
+    failed = [result for result in done if result.has_failed]
     for result in failed:
         print(f"error: exit code {result.exit_code}: {result.command}", file=sys.stderr)
     return 1 if failed else 0
 
 
-def find_commands(text: str) -> list[str]:
-    """Return the commands of a page, in order, each on one line."""
-    return [_join_lines(match["command"]) for match in BLOCK.finditer(text)]
-
-
-def write_outputs(text: str, results: Iterable[CommandResult]) -> str:
-    """Return the page with the outputs of the commands that succeeded."""
-    by_command = {result.command: result for result in results if not result.has_failed}
-
-    def replace(match: re.Match[str]) -> str:
-        result = by_command.get(_join_lines(match["command"]))
-        if result is None:
-            return match[0]
-        command = match["command"].rstrip()
-        return f"```console\n$ {command}  # {result.made}\n{result.output.rstrip()}\n```"
-
-    return BLOCK.sub(replace, text)
+def update(data: ResultData, done: Iterable[CommandResult]) -> ResultData:
+    """Return a result with the figures of its command, if that has run and succeeded."""
+    for result in done:
+        if result.command == data.command and not result.has_failed:
+            columns, rows = read_tables(result.output)
+            return data.measured_again(result.date, result.commit, result.machine, columns, rows)
+    return data
 
 
 def run_commands(commands: Iterable[str], folder: Path, data: Path) -> list[CommandResult]:
@@ -132,25 +129,28 @@ def run(command: str, data: Path) -> CommandResult:
     )
     seconds = round(time.monotonic() - begin_s, 1)
     output = done.stdout.replace(f"{data}/", "")
-    return CommandResult(command, done.returncode, seconds, _made(), output)
+    today = date.today().isoformat()
+    return CommandResult(command, done.returncode, seconds, today, _commit(), _machine(), output)
 
 
 def _find_recording(word: str, data: Path) -> str:
     return str(data / word) if re.fullmatch(r"\w+", word) and (data / word).is_dir() else word
 
 
-def _made() -> str:
-    """The date, and the commit of the project."""
+def _commit() -> str:
     command = ["git", "rev-parse", "--short", "HEAD"]
-    commit = ""
     with suppress(FileNotFoundError):  # a copy of the project on a computer without git
         done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-        commit = done.stdout.strip()
-    return f"{date.today().isoformat()}, {commit or 'no commit'}"
+        if commit := done.stdout.strip():
+            return commit
+    return "no commit"
 
 
-def _join_lines(command: str) -> str:
-    return " ".join(command.replace("\\\n", " ").split())
+def _machine() -> str:
+    """The number of processors, their model, and the system."""
+    model = re.search(r"(?m)^model name\s*: (.*)$", Path("/proc/cpuinfo").read_text())
+    system = platform.freedesktop_os_release()["PRETTY_NAME"]
+    return f"{os.cpu_count()} processors ({model[1] if model else platform.machine()}, {system})"
 
 
 def _data_folder() -> Path:

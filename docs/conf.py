@@ -11,7 +11,7 @@ project = "kinect-vo"
 extensions = ["myst_parser", "sphinx.ext.mathjax"]
 html_theme = "furo"
 html_title = "kinect-vo"
-exclude_patterns = ["results/*.csv"]
+exclude_patterns = ["results/*.json"]
 myst_heading_anchors = 3
 # GitHub's fences of equations.
 myst_fence_as_directive = ["math"]

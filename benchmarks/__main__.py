@@ -21,7 +21,7 @@ def find_benchmarks() -> dict[str, str]:
     return {
         name: (ast.get_docstring(ast.parse(source)) or "").partition("\n")[0]
         for name, source in sources.items()
-        if "\ndef add_arguments(" in source or "\nVARIANTS" in source
+        if "\nOPTIONS = " in source or "\nVARIANTS" in source
     }
 
 

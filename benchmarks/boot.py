@@ -32,6 +32,7 @@ from benchmarks.boot_container import (
     unsupported_reason,
     wait_for,
 )
+from benchmarks.harness import option
 from tests.ports import free_port
 
 WATCHDOG_S = 10.0
@@ -357,10 +358,10 @@ LEFTOVER_PATHS = (
 )
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    parser.add_argument("--tree", type=Path, default=Path("/var/tmp/kinect-vo-boot"))
-    parser.add_argument("--mirror", default="http://deb.debian.org/debian")
+OPTIONS = (
+    option("--tree", type=Path, default=Path("/var/tmp/kinect-vo-boot")),
+    option("--mirror", default="http://deb.debian.org/debian"),
+)
 
 
 def main(args: argparse.Namespace) -> int:

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.harness import (
+    FOLDERS,
     Json,
     ResultCache,
     Table,
@@ -27,14 +28,14 @@ from benchmarks.harness import (
     format_mm,
     measure_cpu_ms,
     median,
+    option,
     to_mm,
 )
-from benchmarks.tracking import FrameChange, evaluate_trajectory, open_frames, track_changed
+from benchmarks.tracking import METHOD, FrameChange, evaluate_trajectory, open_frames, track_changed
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, Trajectory, so3_exp
 from vo_service.odometry.features.parameters import SurfParameters
 from vo_service.odometry.features.views import FeatureView
-from vo_service.odometry.registry import DEFAULT_METHOD, METHODS
 from vo_service.odometry.surf.odometry import SurfOdometry
 from vo_service.odometry.surf.recovery import RecoveredPose, SurfRecovery
 from vo_service.odometry.warm_up import warm_up
@@ -82,12 +83,12 @@ def make_perturbation(seed: int) -> Perturbation:
     return Perturbation(seed, MAX_FOCAL_ERROR_PX * focal, MAX_DELAY_ERROR_S * delay)
 
 
-def add_tiny_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `measure_tiny_changes`."""
-    parser.add_argument("kept", metavar="KEPT", type=Path, help="folder of stored results")
-    parser.add_argument("folder", nargs="+", type=Path, help="TUM folder with ground truth")
-    parser.add_argument("--method", choices=METHODS, default=DEFAULT_METHOD)
-    parser.add_argument("--count", type=int, default=20, help="perturbations of each recording")
+TINY_OPTIONS = (
+    option("kept", metavar="KEPT", type=Path, help="folder of stored results"),
+    FOLDERS,
+    METHOD,
+    option("--count", type=int, default=20, help="perturbations of each recording"),
+)
 
 
 def measure_tiny_changes(args: argparse.Namespace) -> None:
@@ -139,10 +140,10 @@ def _format_figure(key: str, value: float | None) -> str:
     return f"{value:g}" if key == "failed" and value is not None else format_mm(value, 2)
 
 
-def add_calibration_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `measure_wrong_calibration`."""
-    parser.add_argument("folder", nargs="+", type=Path, help="TUM folder")
-    parser.add_argument("--method", choices=METHODS, default=DEFAULT_METHOD)
+CALIBRATION_OPTIONS = (
+    FOLDERS,
+    METHOD,
+)
 
 
 def measure_wrong_calibration(args: argparse.Namespace) -> None:
@@ -338,9 +339,7 @@ class RecoveryOutcome:
     cpu_ms: float
 
 
-def add_corrupted_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `measure_corrupted`."""
-    parser.add_argument("folder", nargs="+", type=Path, help="TUM folder")
+CORRUPTED_OPTIONS = (FOLDERS,)
 
 
 def measure_corrupted(args: argparse.Namespace) -> None:
@@ -390,7 +389,7 @@ def format_corrupted_row(name: str, both: Sequence[RecoveryOutcome]) -> str:
 
 
 VARIANTS: Variants = {
-    "tiny": (add_tiny_arguments, measure_tiny_changes),
-    "calibration": (add_calibration_arguments, measure_wrong_calibration),
-    "corrupted": (add_corrupted_arguments, measure_corrupted),
+    "tiny": (TINY_OPTIONS, measure_tiny_changes),
+    "calibration": (CALIBRATION_OPTIONS, measure_wrong_calibration),
+    "corrupted": (CORRUPTED_OPTIONS, measure_corrupted),
 }

@@ -19,9 +19,9 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.harness import Table
+from benchmarks.harness import Table, option
 from benchmarks.rendered_sequences import render_all
-from benchmarks.tracking import open_frames_with_truth
+from benchmarks.tracking import METHOD, open_frames_with_truth
 from drivers.core import InputError
 from drivers.core.geometry import Array, Trajectory, inverse, nearest_indices
 from drivers.synthetic.config import MotionKind, ShutterTiming, SyntheticConfig
@@ -125,15 +125,13 @@ def _true_pose(truth: Trajectory, stamp_s: float, folder: Path) -> Array:
     return T_truth_camera
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    parser.add_argument("folder", nargs="*", type=Path, help="TUM folder with ground truth")
-    parser.add_argument(
-        "--rooms", type=Path, metavar="FOLDER", help="render rooms into this folder"
-    )
-    parser.add_argument("--seeds", nargs="+", type=int, default=SEEDS, help="seeds of the rooms")
-    parser.add_argument("--processes", type=int, default=1, help="rendering processes")
-    parser.add_argument("--method", choices=METHODS, default="direct")
+OPTIONS = (
+    option("folder", nargs="*", type=Path, help="TUM folder with ground truth"),
+    option("--rooms", type=Path, metavar="FOLDER", help="render rooms into this folder"),
+    option("--seeds", nargs="+", type=int, default=SEEDS, help="seeds of the rooms"),
+    option("--processes", type=int, default=1, help="rendering processes"),
+    METHOD,
+)
 
 
 def main(args: argparse.Namespace) -> None:

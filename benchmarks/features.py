@@ -26,7 +26,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.harness import format_table, measure_cpu_ms, median
+from benchmarks.harness import format_table, measure_cpu_ms, median, option
 from drivers.core import InputError
 from drivers.core.folders import cache_folder
 from drivers.core.geometry import Array
@@ -360,12 +360,12 @@ class FeatureBenchmarkResult:
     cpu_ms: float
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    parser.add_argument(
+OPTIONS = (
+    option(
         "source", nargs="*", type=Path, help="TUM folder or image (default: the virtual Kinect)"
-    )
-    parser.add_argument("--frames", type=int, default=2, help="frames of each folder (2)")
+    ),
+    option("--frames", type=int, default=2, help="frames of each folder (2)"),
+)
 
 
 def main(args: argparse.Namespace) -> None:

@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 import zenoh
 
-from benchmarks.harness import Table
+from benchmarks.harness import Table, option
 from benchmarks.service_load import make_update, measure_processor_use
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import Array
@@ -124,13 +124,11 @@ class FleetResult:
         return self.sent - len(self.latency_ms)
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    parser.add_argument("--robots", type=int, default=20)
-    parser.add_argument("--seconds", type=int, default=60)
-    parser.add_argument(
-        "--processes", type=int, default=4, help="processes of the robots (default: 4)"
-    )
+OPTIONS = (
+    option("--robots", type=int, default=20),
+    option("--seconds", type=int, default=60),
+    option("--processes", type=int, default=4, help="processes of the robots (default: 4)"),
+)
 
 
 def main(args: argparse.Namespace) -> int:

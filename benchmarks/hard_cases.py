@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.harness import Table, Variants, measure_cpu_ms, to_mm
+from benchmarks.harness import Table, Variants, measure_cpu_ms, option, to_mm
 from benchmarks.rendered_sequences import THREADS, make_frame, prefetch, render_all
 from benchmarks.tracking import (
+    METHOD,
     TrackedSequence,
     evaluate_trajectory,
     open_frames_with_truth,
@@ -106,11 +107,11 @@ class SceneResult:
         )
 
 
-def add_scenes_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `measure_scenes`."""
-    parser.add_argument("folder", type=Path, help="folder of the sequences")
-    parser.add_argument("--method", choices=METHODS, default="direct")
-    parser.add_argument("--only", nargs="+", choices=SCENES, default=SCENES, metavar="CASE")
+SCENES_OPTIONS = (
+    option("folder", type=Path, help="folder of the sequences"),
+    METHOD,
+    option("--only", nargs="+", choices=SCENES, default=SCENES, metavar="CASE"),
+)
 
 
 def measure_scenes(args: argparse.Namespace) -> None:
@@ -306,11 +307,11 @@ class DriftResult:
         return STILL_TABLE.row(f"{minutes:7}", self.frames, self.lost, *sizes, self.cpu_ms)
 
 
-def add_still_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `measure_standing_still`."""
-    parser.add_argument("--minutes", type=int, default=60, help="minutes of frames")
-    parser.add_argument("--seed", type=int, default=1, help="seed of the room and of the noise")
-    parser.add_argument("--method", choices=METHODS, default="direct")
+STILL_OPTIONS = (
+    option("--minutes", type=int, default=60, help="minutes of frames"),
+    option("--seed", type=int, default=1, help="seed of the room and of the noise"),
+    METHOD,
+)
 
 
 def measure_standing_still(args: argparse.Namespace) -> None:
@@ -373,6 +374,6 @@ def _twist_size(twist: Array) -> Array:
 
 
 VARIANTS: Variants = {
-    "scenes": (add_scenes_arguments, measure_scenes),
-    "still": (add_still_arguments, measure_standing_still),
+    "scenes": (SCENES_OPTIONS, measure_scenes),
+    "still": (STILL_OPTIONS, measure_standing_still),
 }

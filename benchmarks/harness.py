@@ -1,17 +1,19 @@
 """The harness of the benchmarks: command line, errors, times, tables, and results that are kept.
 
-A benchmark is a module whose docstring is its help. It has `add_arguments(parser)`, which declares
-options, and `main(args)`, which measures, prints, and returns an exit code or None. A benchmark
-with several variants has these two functions of each in `VARIANTS`, by name; the help of a variant
-is the docstring of its second function.
+A benchmark is a module whose docstring is its help. It has `OPTIONS`, and `main(args)`, which
+measures, prints, and returns an exit code or None. A benchmark with several variants has the
+options and the function of each in `VARIANTS`, by name; the help of a variant is the docstring of
+its function.
 """
 
 import argparse
 import json
+import os
 import re
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from inspect import cleandoc
 from pathlib import Path
 from types import ModuleType
@@ -24,10 +26,29 @@ from drivers.core import InputError, UserFacingError
 from drivers.core.files import atomic_write
 
 Json = dict[str, Any]
-AddArguments = Callable[[argparse.ArgumentParser], None]
 Main = Callable[[argparse.Namespace], int | None]
-Variants = Mapping[str, tuple[AddArguments, Main]]
 T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Option:
+    """An option, or an argument by position: what `ArgumentParser.add_argument` takes."""
+
+    names: tuple[str, ...]
+    settings: Mapping[str, Any]
+
+
+Variants = Mapping[str, tuple[Sequence[Option], Main]]
+
+
+def option(*names: str, **settings: Any) -> Option:
+    """Make an option from the arguments of `ArgumentParser.add_argument`."""
+    return Option(names, settings)
+
+
+PROCESSES = option("--processes", type=int, default=os.cpu_count() or 1)
+FOLDERS = option("folder", nargs="+", type=Path, help="TUM folder")
+RECORDING = option("recording", metavar="RECORDING", type=Path, help="source of the frames")
 
 
 def run_benchmark(name: str, module: ModuleType, arguments: Sequence[str]) -> int:
@@ -49,8 +70,7 @@ def run_benchmark(name: str, module: ModuleType, arguments: Sequence[str]) -> in
     if hasattr(module, "VARIANTS"):
         _add_variants(parser, module.VARIANTS)
     else:
-        module.add_arguments(parser)
-        parser.set_defaults(main=module.main)
+        _add_options(parser, module.OPTIONS, module.main)
     args = parser.parse_args(arguments)
     cv2.setNumThreads(1)
     try:
@@ -65,7 +85,7 @@ def run_benchmark(name: str, module: ModuleType, arguments: Sequence[str]) -> in
 
 def _add_variants(parser: argparse.ArgumentParser, variants: Variants) -> None:
     commands = parser.add_subparsers(required=True, metavar="VARIANT")
-    for name, (add_arguments, main) in variants.items():
+    for name, (options, main) in variants.items():
         description = cleandoc(main.__doc__ or "")
         command = commands.add_parser(
             name,
@@ -73,8 +93,13 @@ def _add_variants(parser: argparse.ArgumentParser, variants: Variants) -> None:
             description=description,
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
-        add_arguments(command)
-        command.set_defaults(main=main)
+        _add_options(command, options, main)
+
+
+def _add_options(parser: argparse.ArgumentParser, options: Sequence[Option], main: Main) -> None:
+    for each in options:
+        parser.add_argument(*each.names, **each.settings)
+    parser.set_defaults(main=main)
 
 
 def measure_cpu_ms(

@@ -29,7 +29,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.harness import Table, Variants
+from benchmarks.harness import Table, Variants, option
 from benchmarks.service_load import measure_processor_use
 from benchmarks.tracking import open_frames_with_truth
 from drivers.calibration import find_calibration, format_calibration
@@ -170,12 +170,10 @@ def _children_cpu_s() -> float:
     return sum(measure_processor_use(*children).by_process.values())
 
 
-def add_cost_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `measure_cost`."""
-    parser.add_argument("--seconds", type=float, default=10.0, help="duration of each variant")
-    parser.add_argument(
-        "--rounds", type=int, default=3, help="runs of each variant; the median counts"
-    )
+COST_OPTIONS = (
+    option("--seconds", type=float, default=10.0, help="duration of each variant"),
+    option("--rounds", type=int, default=3, help="runs of each variant; the median counts"),
+)
 
 
 def measure_cost(args: argparse.Namespace) -> None:
@@ -217,10 +215,10 @@ class InputPath:
     environment: Mapping[str, str]
 
 
-def add_paths_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `compare_paths`."""
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--frames", type=int, default=None, help="use only the first N frames")
+PATHS_OPTIONS = (
+    option("folder", type=Path),
+    option("--frames", type=int, default=None, help="use only the first N frames"),
+)
 
 
 def compare_paths(args: argparse.Namespace) -> None:
@@ -419,10 +417,10 @@ class BlinkingLight:
         self._thread.join()
 
 
-def add_stamp_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `measure_stamp`."""
-    parser.add_argument("--serial", default="", help="serial number (default: the first Kinect)")
-    parser.add_argument("--seconds", type=float, default=60.0, help="duration")
+STAMP_OPTIONS = (
+    option("--serial", default="", help="serial number (default: the first Kinect)"),
+    option("--seconds", type=float, default=60.0, help="duration"),
+)
 
 
 def measure_stamp(args: argparse.Namespace) -> int:
@@ -490,9 +488,9 @@ def report_stamp(observations: LedObservations) -> int:
 
 
 VARIANTS: Variants = {
-    "cost": (add_cost_arguments, measure_cost),
-    "paths": (add_paths_arguments, compare_paths),
-    "stamp": (add_stamp_arguments, measure_stamp),
+    "cost": (COST_OPTIONS, measure_cost),
+    "paths": (PATHS_OPTIONS, compare_paths),
+    "stamp": (STAMP_OPTIONS, measure_stamp),
 }
 
 if __name__ == "__main__":  # one of DRIVERS

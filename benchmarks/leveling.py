@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.harness import Table
+from benchmarks.harness import Table, option
 from drivers.camera import AccelerometerReading, PinholeCamera, RgbdFrame
 from drivers.core.geometry import (
     STANDARD_GRAVITY_M_S2,
@@ -57,10 +57,10 @@ class Drive:
     seed: int
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    parser.add_argument("--minutes", type=float, default=60.0)
-    parser.add_argument("--seeds", type=int, default=3)
+OPTIONS = (
+    option("--minutes", type=float, default=60.0),
+    option("--seeds", type=int, default=3),
+)
 
 
 def main(args: argparse.Namespace) -> None:

@@ -22,13 +22,13 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.harness import Json, ResultCache, Table
+from benchmarks.harness import Json, ResultCache, Table, option
 from benchmarks.relocalization import TourSequence
 from benchmarks.tours import LoopClosureRunner
+from benchmarks.tracking import METHOD
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse, pose_distance
 from vo_service.config_tables import MapConfig
-from vo_service.odometry.registry import METHODS
 from vo_service.odometry.warm_up import warm_up
 from vo_service.slam.map_file import read_map, write_map
 from vo_service.slam.synchronous_loop_closure import (
@@ -139,12 +139,12 @@ def _track_frame(runner: LoopClosureRunner, frame: RgbdFrame) -> OdometryUpdate:
     return runner.last_update
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    parser.add_argument("folder", type=Path, help="folder of rendered frames, maps and results")
-    parser.add_argument("--seeds", nargs="+", type=int, default=[1, 2, 3, 4, 5])
-    parser.add_argument("--starts", type=int, default=20, help="starts of each seed")
-    parser.add_argument("--method", choices=METHODS, default="direct")
+OPTIONS = (
+    option("folder", type=Path, help="folder of rendered frames, maps and results"),
+    option("--seeds", nargs="+", type=int, default=[1, 2, 3, 4, 5]),
+    option("--starts", type=int, default=20, help="starts of each seed"),
+    METHOD,
+)
 
 
 def main(args: argparse.Namespace) -> None:

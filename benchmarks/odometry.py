@@ -10,7 +10,6 @@ Each FOLDER is a TUM folder. Times are CPU milliseconds of one thread, without d
 """
 
 import argparse
-import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -33,6 +32,8 @@ from benchmarks.ablation import (
 )
 from benchmarks.features import Gray, read_gray
 from benchmarks.harness import (
+    FOLDERS,
+    PROCESSES,
     ResultCache,
     Table,
     Variants,
@@ -40,8 +41,9 @@ from benchmarks.harness import (
     format_table,
     measure_cpu_ms,
     median,
+    option,
 )
-from benchmarks.tracking import evaluate_trajectory, open_frames
+from benchmarks.tracking import METHOD, evaluate_trajectory, open_frames
 from drivers.camera import RgbdFrame
 from drivers.core import InputError
 from drivers.tum.folder import read_frame_pairs
@@ -140,11 +142,11 @@ class StageTiming:
         return BUDGET_TABLE.row(stage, self.frames, *times) + "  OVER" * self.is_over
 
 
-def add_budget_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `measure_budget`."""
-    parser.add_argument("folder", nargs="+", type=Path, help="TUM folder")
-    parser.add_argument("--method", choices=METHODS, default="direct")
-    parser.add_argument("--every", type=int, default=1, metavar="N", help="use every N-th frame")
+BUDGET_OPTIONS = (
+    FOLDERS,
+    METHOD,
+    option("--every", type=int, default=1, metavar="N", help="use every N-th frame"),
+)
 
 
 def measure_budget(args: argparse.Namespace) -> int:
@@ -249,12 +251,10 @@ class FeatureResult:
         return ["", "", inliers, *errors, "", *(f"{ratio:.2f}" for ratio in times)]
 
 
-def add_feature_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `measure_features`."""
-    parser.add_argument("folder", nargs="+", type=Path, help="TUM folder")
-    parser.add_argument(
-        "--methods", nargs="+", choices=FEATURE_METHODS, default=list(FEATURE_METHODS)
-    )
+FEATURE_OPTIONS = (
+    FOLDERS,
+    option("--methods", nargs="+", choices=FEATURE_METHODS, default=list(FEATURE_METHODS)),
+)
 
 
 def measure_features(args: argparse.Namespace) -> None:
@@ -297,13 +297,11 @@ def format_results(results: Mapping[str, FeatureResult]) -> str:
     return format_table([*heads, *FEATURE_STAGES, "CPU ms"], rows)
 
 
-def add_surf_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `measure_surf`."""
-    parser.add_argument("folder", nargs="+", type=Path, help="TUM folder")
-    parser.add_argument("--frames", type=int, default=50, help="frames of each folder (50)")
-    parser.add_argument(
-        "--count", type=int, default=FEATURE_COUNT, help="features of a frame (1000)"
-    )
+SURF_OPTIONS = (
+    FOLDERS,
+    option("--frames", type=int, default=50, help="frames of each folder (50)"),
+    option("--count", type=int, default=FEATURE_COUNT, help="features of a frame (1000)"),
+)
 
 
 def measure_surf(args: argparse.Namespace) -> None:
@@ -364,26 +362,26 @@ def _measure_in_turn(stages: Mapping[str, Callable[[], object]]) -> dict[str, fl
     return {stage: median([spent_ms[stage] for spent_ms in rounds]) for stage in stages}
 
 
-def add_judge_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `judge`."""
-    parser.add_argument("kept", metavar="KEPT", type=Path, help="folder of rendered and results")
-    parser.add_argument(
+JUDGE_OPTIONS = (
+    option("kept", metavar="KEPT", type=Path, help="folder of rendered and results"),
+    option(
         "recordings",
         metavar="RECORDINGS",
         type=Path,
         help="folder of TUM folders with ground truth",
-    )
-    parser.add_argument("--parts", nargs="+", choices=judge_cases.PARTS, default=judge_cases.PARTS)
-    parser.add_argument("--only", nargs="+", metavar="NAME", help="recordings, sensors and scenes")
-    parser.add_argument(
+    ),
+    option("--parts", nargs="+", choices=judge_cases.PARTS, default=judge_cases.PARTS),
+    option("--only", nargs="+", metavar="NAME", help="recordings, sensors and scenes"),
+    option(
         "--seeds",
         choices=judge_cases.SEEDS,
         default="tuning",
         help="seeds of the virtual sensors: tuning (default), or those for the table in docs/",
-    )
-    parser.add_argument("--methods", nargs="+", choices=METHODS, default=("direct", "surf", "icp"))
-    parser.add_argument("--reference", type=Path, metavar="FILE", help="results.json to compare")
-    parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
+    ),
+    option("--methods", nargs="+", choices=METHODS, default=("direct", "surf", "icp")),
+    option("--reference", type=Path, metavar="FILE", help="results.json to compare"),
+    PROCESSES,
+)
 
 
 def judge(args: argparse.Namespace) -> None:
@@ -407,29 +405,27 @@ def judge(args: argparse.Namespace) -> None:
     print(judge_cases.format_judgement(chosen, results, args.methods[0], reference))
 
 
-def add_ablation_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `ablate`."""
-    parser.add_argument("kept", metavar="KEPT", type=Path, help="folder of rendered and results")
-    parser.add_argument(
+ABLATION_OPTIONS = (
+    option("kept", metavar="KEPT", type=Path, help="folder of rendered and results"),
+    option(
         "folder", metavar="RECORDINGS", type=Path, help="folder of TUM folders with ground truth"
-    )
-    parser.add_argument(
-        "--only", nargs="+", choices=ABLATIONS, metavar="VARIANT", help=", ".join(ABLATIONS)
-    )
-    parser.add_argument(
+    ),
+    option("--only", nargs="+", choices=ABLATIONS, metavar="VARIANT", help=", ".join(ABLATIONS)),
+    option(
         "--set",
         nargs="+",
         action="append",
         default=[],
         metavar="NAME=VALUE",
         help="a variant of your own; may be given several times; alone, only these run",
-    )
-    parser.add_argument(
+    ),
+    option(
         "--parts", nargs="+", choices=judge_cases.PARTS, default=("recordings",), help="of `judge`"
-    )
-    parser.add_argument("--recordings", nargs="+", metavar="NAME", help="recordings and scenes")
-    parser.add_argument("--frames", type=int, metavar="N", help="only N frames of each run")
-    parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
+    ),
+    option("--recordings", nargs="+", metavar="NAME", help="recordings and scenes"),
+    option("--frames", type=int, metavar="N", help="only N frames of each run"),
+    PROCESSES,
+)
 
 
 def ablate(args: argparse.Namespace) -> None:
@@ -469,9 +465,9 @@ def ablate(args: argparse.Namespace) -> None:
 
 
 VARIANTS: Variants = {
-    "judge": (add_judge_arguments, judge),
-    "ablation": (add_ablation_arguments, ablate),
-    "budget": (add_budget_arguments, measure_budget),
-    "features": (add_feature_arguments, measure_features),
-    "surf": (add_surf_arguments, measure_surf),
+    "judge": (JUDGE_OPTIONS, judge),
+    "ablation": (ABLATION_OPTIONS, ablate),
+    "budget": (BUDGET_OPTIONS, measure_budget),
+    "features": (FEATURE_OPTIONS, measure_features),
+    "surf": (SURF_OPTIONS, measure_surf),
 }

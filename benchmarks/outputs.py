@@ -30,7 +30,7 @@ import cv2
 import numpy as np
 from mcap.writer import CompressionType
 
-from benchmarks.harness import Variants, format_table
+from benchmarks.harness import RECORDING, Variants, format_table, option
 from benchmarks.service_load import make_update, measure_processor_use, running_recorder
 from drivers.bag.bag_writer import McapWriter
 from drivers.bag.frame_writer import FrameWriter
@@ -183,11 +183,11 @@ def network_link(capacity_mbit_s: int) -> Iterator[list[str]]:
         subprocess.run(["ip", "netns", "del", NAMESPACE], check=False)
 
 
-def add_frames_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `measure_publishing`."""
-    parser.add_argument("recording", metavar="RECORDING", type=Path, help="source of the frames")
-    parser.add_argument("--seconds", type=float, default=20.0, help="length of a case")
-    parser.add_argument("--case", choices=CASES, action="append", help="only this case")
+FRAMES_OPTIONS = (
+    RECORDING,
+    option("--seconds", type=float, default=20.0, help="length of a case"),
+    option("--case", choices=CASES, action="append", help="only this case"),
+)
 
 
 def measure_publishing(args: argparse.Namespace) -> None:
@@ -287,10 +287,10 @@ def start_reader(
     return reader
 
 
-def add_mcap_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `measure_mcap`."""
-    parser.add_argument("recording", metavar="RECORDING", type=Path, help="source of the frames")
-    parser.add_argument("--seconds", type=float, default=60.0, help="duration (default: 60)")
+MCAP_OPTIONS = (
+    RECORDING,
+    option("--seconds", type=float, default=60.0, help="duration (default: 60)"),
+)
 
 
 def measure_mcap(args: argparse.Namespace) -> None:
@@ -355,10 +355,10 @@ MCAP_ENCODINGS = {
 }
 
 
-def add_encodings_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `measure_encodings`."""
-    parser.add_argument("recording", metavar="RECORDING", type=Path, help="source of the frames")
-    parser.add_argument("--rounds", type=int, default=5, help="of all in turn (default: 5)")
+ENCODINGS_OPTIONS = (
+    RECORDING,
+    option("--rounds", type=int, default=5, help="of all in turn (default: 5)"),
+)
 
 
 def measure_encodings(args: argparse.Namespace) -> None:
@@ -387,12 +387,10 @@ def measure_encodings(args: argparse.Namespace) -> None:
     print(format_table(["CPU ms", "kB a frame", "MB/s"], rows))
 
 
-def add_recorder_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `measure_recorder`."""
-    parser.add_argument(
-        "recording", metavar="RECORDING", type=Path, nargs="?", help="source of the frames"
-    )
-    parser.add_argument("--seconds", type=float, default=15.0, help="duration of each phase")
+RECORDER_OPTIONS = (
+    option("recording", metavar="RECORDING", type=Path, nargs="?", help="source of the frames"),
+    option("--seconds", type=float, default=15.0, help="duration of each phase"),
+)
 
 
 def measure_recorder(args: argparse.Namespace) -> None:
@@ -489,8 +487,8 @@ def _memory_mb(process: int, kind: str) -> float:
 
 
 VARIANTS: Variants = {
-    "frames": (add_frames_arguments, measure_publishing),
-    "mcap": (add_mcap_arguments, measure_mcap),
-    "encodings": (add_encodings_arguments, measure_encodings),
-    "recorder": (add_recorder_arguments, measure_recorder),
+    "frames": (FRAMES_OPTIONS, measure_publishing),
+    "mcap": (MCAP_OPTIONS, measure_mcap),
+    "encodings": (ENCODINGS_OPTIONS, measure_encodings),
+    "recorder": (RECORDER_OPTIONS, measure_recorder),
 }

@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.harness import Table, Variants, measure_cpu_ms
+from benchmarks.harness import Table, Variants, measure_cpu_ms, option
 from benchmarks.rendered_sequences import make_frame
 from benchmarks.tracking import open_frames, open_frames_with_truth
 from drivers.camera import RgbdFrame
@@ -193,10 +193,10 @@ class CpuTimer:
         return result
 
 
-def add_measure_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `measure`."""
-    parser.add_argument("--rooms", nargs="*", type=int, default=list(range(201, 207)))
-    parser.add_argument("--recordings", nargs="*", type=Path, default=[])
+MEASURE_OPTIONS = (
+    option("--rooms", nargs="*", type=int, default=list(range(201, 207))),
+    option("--recordings", nargs="*", type=Path, default=[]),
+)
 
 
 def measure(args: argparse.Namespace) -> None:
@@ -348,11 +348,11 @@ def _is_near(a: DescribedView, b: DescribedView) -> bool:
     return RecognitionTrial(distance_m, angle_deg, False).is_within(*VIEW_OFFSETS[2])
 
 
-def add_train_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `train`."""
-    parser.add_argument("folders", nargs="+", type=Path, help="training recordings")
-    parser.add_argument("--count", type=int, default=CLUSTERS, help="number of visual words")
-    parser.add_argument("--output", type=Path, default=OUTPUT)
+TRAIN_OPTIONS = (
+    option("folders", nargs="+", type=Path, help="training recordings"),
+    option("--count", type=int, default=CLUSTERS, help="number of visual words"),
+    option("--output", type=Path, default=OUTPUT),
+)
 
 
 def train(args: argparse.Namespace) -> None:
@@ -388,6 +388,6 @@ def fit_centers(descriptors: NDArray[np.float32], count: int) -> NDArray[np.int8
 
 
 VARIANTS: Variants = {
-    "measure": (add_measure_arguments, measure),
-    "train": (add_train_arguments, train),
+    "measure": (MEASURE_OPTIONS, measure),
+    "train": (TRAIN_OPTIONS, train),
 }

@@ -21,7 +21,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.harness import Table, Variants, measure_cpu_ms, median
+from benchmarks.harness import Table, Variants, measure_cpu_ms, median, option
 from benchmarks.tracking import read_all_frames, track
 from drivers.camera import RgbdFrame
 from drivers.core import InputError
@@ -145,11 +145,11 @@ def _distance_m(local_m: Array, solid: Solid) -> Array:
     return distance_m
 
 
-def add_poses_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `measure_poses`."""
-    parser.add_argument("--seconds", type=float, default=20.0)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--voxels", type=float, nargs="+", default=[0.01, 0.02], metavar="M")
+POSES_OPTIONS = (
+    option("--seconds", type=float, default=20.0),
+    option("--seed", type=int, default=1),
+    option("--voxels", type=float, nargs="+", default=[0.01, 0.02], metavar="M"),
+)
 
 
 def measure_poses(args: argparse.Namespace) -> None:
@@ -191,11 +191,11 @@ def _integrate(volume: TsdfVolume, frames: Sequence[RgbdFrame], poses: Trajector
     return add_ms
 
 
-def add_maps_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `measure_maps`."""
-    parser.add_argument("config", metavar="CONFIG", type=Path)
-    parser.add_argument("recording", metavar="RECORDING", type=Path)
-    parser.add_argument("maps", metavar="MAP", type=Path, nargs="+")
+MAPS_OPTIONS = (
+    option("config", metavar="CONFIG", type=Path),
+    option("recording", metavar="RECORDING", type=Path),
+    option("maps", metavar="MAP", type=Path, nargs="+"),
+)
 
 
 def measure_maps(args: argparse.Namespace) -> None:
@@ -363,11 +363,11 @@ CANDIDATES: Mapping[str, Callable[[], FusionVolume]] = {
 }
 
 
-def add_volumes_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `measure_volumes`."""
-    parser.add_argument("--seconds", type=float, default=10.0)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--only", nargs="+", choices=CANDIDATES, default=list(CANDIDATES))
+VOLUMES_OPTIONS = (
+    option("--seconds", type=float, default=10.0),
+    option("--seed", type=int, default=1),
+    option("--only", nargs="+", choices=CANDIDATES, default=list(CANDIDATES)),
+)
 
 
 def measure_volumes(args: argparse.Namespace) -> None:
@@ -424,7 +424,7 @@ def _private_memory_mb() -> float:
 
 
 VARIANTS: Variants = {
-    "poses": (add_poses_arguments, measure_poses),
-    "maps": (add_maps_arguments, measure_maps),
-    "volumes": (add_volumes_arguments, measure_volumes),
+    "poses": (POSES_OPTIONS, measure_poses),
+    "maps": (MAPS_OPTIONS, measure_maps),
+    "volumes": (VOLUMES_OPTIONS, measure_volumes),
 }

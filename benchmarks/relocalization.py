@@ -26,15 +26,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.harness import Json, ResultCache, Table, to_mm
+from benchmarks.harness import Json, ResultCache, Table, option, to_mm
 from benchmarks.rendered_sequences import THREADS
 from benchmarks.tours import compute_true_poses, make_runner, make_tour_config, make_tour_frame
+from benchmarks.tracking import METHOD
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import Array, inverse, pose_distance, transform_points
 from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.frame_provider import render_all
 from drivers.synthetic.sensors import ImageSource, RenderedImages
-from vo_service.odometry.registry import METHODS
 from vo_service.odometry.warm_up import warm_up
 from vo_service.terminal import Terminal
 from vo_service.tools.evaluation.metrics import GROSS_ERROR_DEG, GROSS_ERROR_M
@@ -326,15 +326,15 @@ def summarize(outcomes: Sequence[RelocalizationOutcome]) -> RelocalizationSummar
     )
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    parser.add_argument("folder", type=Path, help="folder of rendered frames and results")
-    parser.add_argument("--tries", type=int, default=100, help="trials of all seeds together")
-    parser.add_argument("--seeds", nargs="+", type=int, default=[1, 2, 3, 4, 5])
-    parser.add_argument(
+OPTIONS = (
+    option("folder", type=Path, help="folder of rendered frames and results"),
+    option("--tries", type=int, default=100, help="trials of all seeds together"),
+    option("--seeds", nargs="+", type=int, default=[1, 2, 3, 4, 5]),
+    option(
         "--unseen", action="store_true", help="uncover the camera at places that it did not see"
-    )
-    parser.add_argument("--method", choices=METHODS, default="direct")
+    ),
+    METHOD,
+)
 
 
 def main(args: argparse.Namespace) -> None:

@@ -6,7 +6,6 @@ python -m benchmarks rendered_sequences realism TRACK [--folder RECORDING]
 
 import argparse
 import itertools
-import os
 import shutil
 import time
 from collections import deque
@@ -24,7 +23,7 @@ from cv2.typing import MatLike
 from numpy.typing import NDArray
 
 from benchmarks.features import read_gray
-from benchmarks.harness import Variants
+from benchmarks.harness import PROCESSES, Variants, option
 from benchmarks.tracking import read_all_frames
 from drivers.camera import PinholeCamera, RgbdCamera, RgbdFrame
 from drivers.core import InputError
@@ -159,20 +158,20 @@ TIMINGS = {
 START_S, DURATION_S = 12.0, 10.0
 
 
-def add_render_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `render_tracks`."""
-    parser.add_argument("tracks", type=Path, help="folder of trajectories")
-    parser.add_argument("output", type=Path, help="folder of the sequences")
-    parser.add_argument("--seeds", nargs="+", type=int, default=SEEDS, help="seeds of the rooms")
-    parser.add_argument("--timing", nargs="+", choices=TIMINGS, default=list(TIMINGS))
-    parser.add_argument("--start", type=float, default=START_S, help="start in the track, seconds")
-    parser.add_argument(
+RENDER_OPTIONS = (
+    option("tracks", type=Path, help="folder of trajectories"),
+    option("output", type=Path, help="folder of the sequences"),
+    option("--seeds", nargs="+", type=int, default=SEEDS, help="seeds of the rooms"),
+    option("--timing", nargs="+", choices=TIMINGS, default=list(TIMINGS)),
+    option("--start", type=float, default=START_S, help="start in the track, seconds"),
+    option(
         "--seconds",
         type=float,
         default=DURATION_S,
         help="duration of each, if the track is long enough",
-    )
-    parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
+    ),
+    PROCESSES,
+)
 
 
 def render_tracks(args: argparse.Namespace) -> None:
@@ -377,15 +376,13 @@ def report(name: str, views: list[RealismView]) -> None:
     print(line, flush=True)
 
 
-def add_realism_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `measure_realism`."""
-    parser.add_argument("track", type=Path, help="trajectory of a real hand, in TUM format")
-    parser.add_argument(
-        "--start-s", type=float, default=0.1, help="start in the track, seconds (%(default)s)"
-    )
-    parser.add_argument("--frames", type=int, default=360, help="number of frames (%(default)s)")
-    parser.add_argument("--seed", type=int, default=1, help="seed of the room (%(default)s)")
-    parser.add_argument("--folder", type=Path, help="a recording to compare with")
+REALISM_OPTIONS = (
+    option("track", type=Path, help="trajectory of a real hand, in TUM format"),
+    option("--start-s", type=float, default=0.1, help="start in the track, seconds (%(default)s)"),
+    option("--frames", type=int, default=360, help="number of frames (%(default)s)"),
+    option("--seed", type=int, default=1, help="seed of the room (%(default)s)"),
+    option("--folder", type=Path, help="a recording to compare with"),
+)
 
 
 def measure_realism(args: argparse.Namespace) -> None:
@@ -412,6 +409,6 @@ def measure_realism(args: argparse.Namespace) -> None:
 
 
 VARIANTS: Variants = {
-    "render": (add_render_arguments, render_tracks),
-    "realism": (add_realism_arguments, measure_realism),
+    "render": (RENDER_OPTIONS, render_tracks),
+    "realism": (REALISM_OPTIONS, measure_realism),
 }

@@ -32,6 +32,7 @@ from datetime import date
 from pathlib import Path
 
 from benchmarks.console_tables import read_tables
+from benchmarks.harness import option
 from benchmarks.result_pages import PAGES, ResultData, read_results, write_page, write_results
 from drivers.core import InputError
 from vo_service.terminal import Terminal
@@ -58,13 +59,13 @@ class CommandResult:
         return self.exit_code > 1 or not self.output
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    parser.add_argument("folder", metavar="KEPT", nargs="?", type=Path, help="folder of results")
-    parser.add_argument("--data", type=Path, help="folder of the recordings")
-    parser.add_argument("--only", nargs="+", default=[], help="only commands with one of the words")
-    parser.add_argument("--list", action="store_true", help="print the commands and run nothing")
-    parser.add_argument("--pages", action="store_true", help="write the pages and run nothing")
+OPTIONS = (
+    option("folder", metavar="KEPT", nargs="?", type=Path, help="folder of results"),
+    option("--data", type=Path, help="folder of the recordings"),
+    option("--only", nargs="+", default=[], help="only commands with one of the words"),
+    option("--list", action="store_true", help="print the commands and run nothing"),
+    option("--pages", action="store_true", help="write the pages and run nothing"),
+)
 
 
 def main(args: argparse.Namespace) -> int:

@@ -10,7 +10,6 @@ in milliseconds.
 """
 
 import argparse
-import os
 import sys
 import time
 from collections.abc import Sequence
@@ -22,7 +21,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.harness import Json, ResultCache, Table, Variants, format_mm, median
+from benchmarks.harness import (
+    PROCESSES,
+    Json,
+    ResultCache,
+    Table,
+    Variants,
+    format_mm,
+    median,
+    option,
+)
 from benchmarks.rendered_sequences import render_all
 from benchmarks.tracking import Accuracy, TrackedSequence, open_frames, track_changed
 from drivers.calibration import UNKNOWN_TIMING
@@ -204,12 +212,12 @@ def _settling_time_s(times_s: Array, errors_s: Array) -> float | None:
     return float(times_s[wrong[-1] + 1]) if wrong[-1] + 1 < len(times_s) else None
 
 
-def add_learned_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `measure_learned`."""
-    parser.add_argument("folder", type=Path, help="folder of the sequences and the results")
-    parser.add_argument("--seeds", nargs="+", type=int, default=SEEDS)
-    parser.add_argument("--seconds", type=float, default=DURATION_S, help="length of a sequence")
-    parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
+LEARNED_OPTIONS = (
+    option("folder", type=Path, help="folder of the sequences and the results"),
+    option("--seeds", nargs="+", type=int, default=SEEDS),
+    option("--seconds", type=float, default=DURATION_S, help="length of a sequence"),
+    PROCESSES,
+)
 
 
 def measure_learned(args: argparse.Namespace) -> None:
@@ -297,11 +305,11 @@ def ate_ratio(result: Json) -> float:
     return float("nan") if not known_m else float(unknown_m / known_m)
 
 
-def add_starts_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `measure_starts`."""
-    parser.add_argument("folder", type=Path, help="folder of the results")
-    parser.add_argument("recordings", nargs="+", type=Path, metavar="RECORDING")
-    parser.add_argument("--at", nargs="+", type=int, default=START_FRAMES, metavar="FRAME")
+STARTS_OPTIONS = (
+    option("folder", type=Path, help="folder of the results"),
+    option("recordings", nargs="+", type=Path, metavar="RECORDING"),
+    option("--at", nargs="+", type=int, default=START_FRAMES, metavar="FRAME"),
+)
 
 
 def measure_starts(args: argparse.Namespace) -> None:
@@ -407,12 +415,12 @@ CASES = {
 }
 
 
-def add_calibrated_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `measure_calibrated`."""
-    parser.add_argument("tracks", type=Path, help="folder of trajectories")
-    parser.add_argument("output", type=Path, help="folder of the sequences")
-    parser.add_argument("--only", nargs="+", choices=CASES, default=list(CASES))
-    parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
+CALIBRATED_OPTIONS = (
+    option("tracks", type=Path, help="folder of trajectories"),
+    option("output", type=Path, help="folder of the sequences"),
+    option("--only", nargs="+", choices=CASES, default=list(CASES)),
+    PROCESSES,
+)
 
 
 def measure_calibrated(args: argparse.Namespace) -> None:
@@ -443,7 +451,7 @@ def _calibrated_row(name: str, case: TimingCase, folder: Path) -> str:
 
 
 VARIANTS: Variants = {
-    "learned": (add_learned_arguments, measure_learned),
-    "starts": (add_starts_arguments, measure_starts),
-    "calibrated": (add_calibrated_arguments, measure_calibrated),
+    "learned": (LEARNED_OPTIONS, measure_learned),
+    "starts": (STARTS_OPTIONS, measure_starts),
+    "calibrated": (CALIBRATED_OPTIONS, measure_calibrated),
 }

@@ -25,7 +25,7 @@ from pathlib import Path
 from statistics import mean
 from tempfile import mkdtemp
 
-from benchmarks.harness import Table, Variants
+from benchmarks.harness import Table, Variants, option
 from benchmarks.service_load import descendants_of, measure_processor_use, prerender_room
 from drivers.core import UserFacingError
 from drivers.synthetic.config import SyntheticConfig
@@ -68,10 +68,6 @@ def slowest_round(rounds: Sequence[FaultTiming]) -> FaultTiming:
     return FaultTiming(
         max(each.report_s for each in rounds), max(each.recovery_s for each in rounds)
     )
-
-
-def add_camera_arguments(parser: argparse.ArgumentParser) -> None:
-    """`measure_camera_faults` has no options."""
 
 
 def measure_camera_faults(args: argparse.Namespace) -> int:
@@ -128,9 +124,9 @@ def report_camera(
     return is_good
 
 
-def add_environment_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `measure_environment_faults`."""
-    parser.add_argument("--rounds", type=int, default=3, help="rounds of each fault (default: 3)")
+ENVIRONMENT_OPTIONS = (
+    option("--rounds", type=int, default=3, help="rounds of each fault (default: 3)"),
+)
 
 
 def measure_environment_faults(args: argparse.Namespace) -> None:
@@ -216,15 +212,11 @@ class SlowMachineResult:
     steal_percent: float
 
 
-def add_slow_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `measure_slow_machine`."""
-    parser.add_argument(
-        "--percent", type=float, action="append", help="limit, percent of one processor"
-    )
-    parser.add_argument(
-        "--seconds", type=float, default=30.0, help="duration of a run (default: 30)"
-    )
-    parser.add_argument("--rounds", type=int, default=2, help="runs of each case (default: 2)")
+SLOW_OPTIONS = (
+    option("--percent", type=float, action="append", help="limit, percent of one processor"),
+    option("--seconds", type=float, default=30.0, help="duration of a run (default: 30)"),
+    option("--rounds", type=int, default=2, help="runs of each case (default: 2)"),
+)
 
 
 def measure_slow_machine(args: argparse.Namespace) -> int:
@@ -374,7 +366,7 @@ def _move(processes: Iterable[int], group: Path) -> None:
 
 
 VARIANTS: Variants = {
-    "camera": (add_camera_arguments, measure_camera_faults),
-    "environment": (add_environment_arguments, measure_environment_faults),
-    "slow": (add_slow_arguments, measure_slow_machine),
+    "camera": ((), measure_camera_faults),
+    "environment": (ENVIRONMENT_OPTIONS, measure_environment_faults),
+    "slow": (SLOW_OPTIONS, measure_slow_machine),
 }

@@ -21,7 +21,7 @@ from statistics import median
 
 import numpy as np
 
-from benchmarks.harness import Table, Variants
+from benchmarks.harness import Table, Variants, option
 from benchmarks.service_load import (
     ArrivalRecorder,
     ProcessorUse,
@@ -233,13 +233,11 @@ class LatencyResult:
     steal_percent: float
 
 
-def add_poses_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `measure_latency`."""
-    parser.add_argument(
-        "--seconds", type=float, default=20.0, help="duration of a run (default: 20)"
-    )
-    parser.add_argument("--rounds", type=int, default=3, help="runs of each case (default: 3)")
-    parser.add_argument("--case", action="append", choices=CASES)
+POSES_OPTIONS = (
+    option("--seconds", type=float, default=20.0, help="duration of a run (default: 20)"),
+    option("--rounds", type=int, default=3, help="runs of each case (default: 3)"),
+    option("--case", action="append", choices=CASES),
+)
 
 
 def measure_latency(args: argparse.Namespace) -> int:
@@ -378,9 +376,7 @@ def report(outcomes: Mapping[str, LatencyResult]) -> int:
     return 0 if all(are_good) else 1
 
 
-def add_start_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `measure_start`."""
-    parser.add_argument("--rounds", type=int, default=3, help="starts of each (default: 3)")
+START_OPTIONS = (option("--rounds", type=int, default=3, help="starts of each (default: 3)"),)
 
 
 def measure_start(args: argparse.Namespace) -> None:
@@ -451,6 +447,6 @@ def running_command(folder: Path, *arguments: object) -> Iterator["subprocess.Po
 
 
 VARIANTS: Variants = {
-    "poses": (add_poses_arguments, measure_latency),
-    "start": (add_start_arguments, measure_start),
+    "poses": (POSES_OPTIONS, measure_latency),
+    "start": (START_OPTIONS, measure_start),
 }

@@ -20,7 +20,7 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 
-from benchmarks.harness import Variants
+from benchmarks.harness import Variants, option
 from benchmarks.service_load import (
     descendants_of,
     measure_processor_use,
@@ -252,20 +252,18 @@ def save_plot(record: SoakRecord, file: Path) -> None:
     pyplot.close(figure)
 
 
-def add_service_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `soak_service`."""
-    parser.add_argument("state", type=Path, help="file of samples; an existing one is continued")
-    parser.add_argument(
-        "--frames", type=int, default=200_000, help="total frames (default: 200000)"
-    )
-    parser.add_argument("--rate", type=float, default=60.0, help="frames per second (default: 60)")
-    parser.add_argument(
+SERVICE_OPTIONS = (
+    option("state", type=Path, help="file of samples; an existing one is continued"),
+    option("--frames", type=int, default=200_000, help="total frames (default: 200000)"),
+    option("--rate", type=float, default=60.0, help="frames per second (default: 60)"),
+    option(
         "--warm-up",
         type=int,
         default=WARM_UP_FRAMES,
         help="skipped frames of each run (default: 25000)",
-    )
-    parser.add_argument("--plot", type=Path, help="plot to write")
+    ),
+    option("--plot", type=Path, help="plot to write"),
+)
 
 
 def soak_service(args: argparse.Namespace) -> int:
@@ -389,11 +387,11 @@ class KinectSample:
     memory_kb: tuple[int, int]
 
 
-def add_kinect_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `soak_kinect`."""
-    parser.add_argument("--minutes", type=float, default=10.0, help="duration (default: 10)")
-    parser.add_argument("--patient", action="store_true", help="lose no packets on the bus")
-    parser.add_argument("--recording", type=Path, metavar="FOLDER", help="what the Kinect sees")
+KINECT_OPTIONS = (
+    option("--minutes", type=float, default=10.0, help="duration (default: 10)"),
+    option("--patient", action="store_true", help="lose no packets on the bus"),
+    option("--recording", type=Path, metavar="FOLDER", help="what the Kinect sees"),
+)
 
 
 def soak_kinect(args: argparse.Namespace) -> int:
@@ -513,6 +511,6 @@ def _report_costs(first: KinectSample, early: KinectSample, last: KinectSample) 
 
 
 VARIANTS: Variants = {
-    "service": (add_service_arguments, soak_service),
-    "kinect": (add_kinect_arguments, soak_kinect),
+    "service": (SERVICE_OPTIONS, soak_service),
+    "kinect": (KINECT_OPTIONS, soak_kinect),
 }

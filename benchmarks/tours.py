@@ -28,8 +28,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from benchmarks.harness import Json, ResultCache, Table, measure_cpu_ms, to_mm
+from benchmarks.harness import Json, ResultCache, Table, measure_cpu_ms, option, to_mm
 from benchmarks.rendered_sequences import THREADS, make_frame, prefetch
+from benchmarks.tracking import METHOD
 from drivers.camera import RgbdFrame
 from drivers.core import InputError
 from drivers.core.geometry import Array, Trajectory, inverse, poses_close
@@ -439,14 +440,14 @@ def _errors(poses: Trajectory, truth: Trajectory) -> tuple[Array, Array]:
     return matched.stamps_s, position_errors_m(matched, best_alignment(matched))
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    parser.add_argument("folder", type=Path, help="folder of the results")
-    parser.add_argument("--seconds", type=float, default=600.0, help="length of a tour")
-    parser.add_argument("--seeds", nargs="+", type=int, default=[1])
-    parser.add_argument("--twins", action="store_true", help="two corners look the same")
-    parser.add_argument("--method", choices=METHODS, default="direct")
-    parser.add_argument("--plot", type=Path, metavar="FILE", help="error, CPU and memory over time")
+OPTIONS = (
+    option("folder", type=Path, help="folder of the results"),
+    option("--seconds", type=float, default=600.0, help="length of a tour"),
+    option("--seeds", nargs="+", type=int, default=[1]),
+    option("--twins", action="store_true", help="two corners look the same"),
+    METHOD,
+    option("--plot", type=Path, metavar="FILE", help="error, CPU and memory over time"),
+)
 
 
 def main(args: argparse.Namespace) -> None:

@@ -9,19 +9,20 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.harness import measure_cpu_ms
+from benchmarks.harness import measure_cpu_ms, option
 from drivers.camera import EndOfStream, PlaybackMode, RgbdCamera, RgbdFrame
 from drivers.core import InputError
 from drivers.core.geometry import Array, Trajectory
 from drivers.playback.camera import RecordingCamera
 from vo_service.odom_frame import OdomFrame, StampedFrame
-from vo_service.odometry.registry import METHODS, MethodConfig
+from vo_service.odometry.registry import DEFAULT_METHOD, METHODS, MethodConfig
 from vo_service.odometry.stage_timers import CpuStageTimer
 from vo_service.tools.evaluation.evaluation import Evaluation, evaluate
 from vo_service.types.estimate import Estimate
 from vo_service.types.odometry_update import TrackingState
 
 READ_TIMEOUT_S = 60.0
+METHOD = option("--method", choices=METHODS, default=DEFAULT_METHOD)
 FrameChange = Callable[[RgbdFrame], RgbdFrame]
 
 

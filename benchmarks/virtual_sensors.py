@@ -1,14 +1,10 @@
 """Virtual depth cameras of four kinds, as TUM folders with exact ground truth.
 
-python -m benchmarks virtual_sensors FOLDER [--seeds 1 2 3]
-
 Each seed is another room, motion, rolling shutter and sensor. The kinds take turns: structured
 light (the virtual Kinect itself), stereo, near range and time of flight. Complete folders are not
 rendered again; each takes about 20 seconds of a core.
 """
 
-import argparse
-import os
 import shutil
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -229,15 +225,3 @@ def render_sensor(folder: Path, sensor: VirtualSensor) -> None:
             for frame in read_all_frames(camera):
                 writer.write(sensor.measure(frame))
     (folder / CONFIG_RECORD).write_text(f"{sensor}\n")
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    parser.add_argument("folder", type=Path, help="folder of the recordings")
-    parser.add_argument("--seeds", nargs="+", type=int, default=SEEDS)
-    parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
-
-
-def main(args: argparse.Namespace) -> None:
-    """Render the recordings that are missing."""
-    render_sensors(args.folder, args.seeds, print, args.processes)

@@ -6,7 +6,7 @@ from types import ModuleType
 
 import pytest
 
-from benchmarks.harness import ResultCache, Table, measure_cpu_ms, run_benchmark
+from benchmarks.harness import ResultCache, Table, measure_cpu_ms, option, run_benchmark
 from drivers.core import InputError
 
 
@@ -42,7 +42,7 @@ def test_the_named_variant_runs_with_its_options() -> None:
 
     module = ModuleType("example", "An example.")
     module.__dict__["VARIANTS"] = {
-        "one": (lambda parser: parser.add_argument("--count"), main),
+        "one": ([option("--count")], main),
     }
     assert run_benchmark("example", module, ["one", "--count", "3"]) == 3
     with pytest.raises(SystemExit):

@@ -121,7 +121,6 @@ class OutputSet:
         outputs: All outputs.
         viewers: The outputs that load shedding may pause.
         recorder: The flight recorder.
-        mapper: The mapper.
     """
 
     outputs: list[Output] = field(default_factory=list)

@@ -48,11 +48,7 @@ MAX_PENDING_COMMANDS = 8
 
 
 class CommandFuture:
-    """A command and its reply: the loop sets the reply, the sender waits for it.
-
-    Attributes:
-        command: The command.
-    """
+    """A command and its reply: the loop sets the reply, the sender waits for it."""
 
     def __init__(self, command: Command) -> None:
         self.command = command

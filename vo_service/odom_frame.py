@@ -38,7 +38,6 @@ class StampedFrame:
     """A frame and its published stamp.
 
     Attributes:
-        frame: The frame.
         published_s: Its stamp on the published clock, s.
     """
 

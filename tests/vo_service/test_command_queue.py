@@ -6,8 +6,6 @@ from vo_service.control import CommandQueue
 from vo_service.types.commands import (
     Command,
     CommandError,
-    EpochReply,
-    ErrorCode,
     PauseCommand,
     ResetCommand,
     ResumeCommand,
@@ -21,37 +19,6 @@ def test_pending_commands_are_processed_in_order() -> None:
         inbox.submit(command)
     assert [ticket.command for ticket in inbox.take_pending()] == commands
     assert inbox.take_pending() == []
-
-
-def test_a_reply_reaches_the_sender_of_the_command() -> None:
-    inbox = CommandQueue()
-    ticket = inbox.submit(ResetCommand())
-    inbox.take_pending()[0].set_result(EpochReply(3))
-    assert ticket.result(1.0) == EpochReply(3)
-
-
-def test_an_error_reaches_the_sender_of_the_command() -> None:
-    inbox = CommandQueue()
-    ticket = inbox.submit(ResetCommand())
-    inbox.take_pending()[0].set_exception(CommandError(ErrorCode.NOT_POSSIBLE, "no motor"))
-    with pytest.raises(CommandError, match="no motor"):
-        ticket.result(1.0)
-
-
-def test_a_blocked_loop_times_out() -> None:
-    inbox = CommandQueue()
-    with pytest.raises(CommandError, match="no answer") as raised:
-        inbox.submit(ResetCommand()).result(0.01)
-    assert raised.value.code is ErrorCode.TIMED_OUT
-
-
-def test_a_full_queue_refuses_commands() -> None:
-    inbox = CommandQueue(max_pending=2)
-    inbox.submit(PauseCommand())
-    inbox.submit(PauseCommand())
-    with pytest.raises(CommandError) as raised:
-        inbox.submit(PauseCommand())
-    assert raised.value.code is ErrorCode.BUSY
 
 
 def test_a_closed_queue_refuses_pending_and_new_commands() -> None:

@@ -1,6 +1,9 @@
 """The configuration file: its tables, its defaults, and every mistake named by line and key."""
 
+import dataclasses
+import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -186,3 +189,15 @@ def test_an_invalid_file_is_reported(tmp_path: Path, text: str, message: str) ->
 def test_a_missing_file_is_an_input_error(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"none\.toml: cannot be read: No such file"):
         read_config(tmp_path / "none.toml")
+
+
+EXAMPLE = Path(__file__).parents[2] / "config" / "kinect.toml"
+TABLES = [field.name for field in dataclasses.fields(Config) if field.name != "synthetic"]
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_the_example_shows_every_key(table: str) -> None:
+    text = re.split(r"\n(?:# )?\[", EXAMPLE.read_text().split(f"[{table}]")[1])[0]
+    section: Any = getattr(Config(), table)
+    keys = {field.name for field in dataclasses.fields(section)}
+    assert set(re.findall(r"^(?:# )?(\w+) = ", text, re.MULTILINE)) == keys

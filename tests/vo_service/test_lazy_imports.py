@@ -41,29 +41,6 @@ def test_a_command_that_computes_nothing_loads_no_heavy_library(arguments: tuple
     assert ended.stdout.splitlines()[-1] == "[] 0"
 
 
-@pytest.mark.parametrize(
-    "worker", ["vo_service.outputs.recorder.worker", "vo_service.outputs.rerun.worker"]
-)
-def test_a_worker_process_without_kernels_does_not_load_numba(worker: str) -> None:
-    program = f"import sys, {worker}; print('numba' in sys.modules)"
-    ended = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True
-    )
-    assert ended.stdout == "False\n"
-
-
-def test_outputs_that_may_be_left_out_are_imported_where_they_are_opened() -> None:
-    optional = ("outputs.frames", "outputs.recorder", "outputs.rerun", "outputs.trajectory", "slam")
-    program = "import sys, vo_service.app; print(*sys.modules)"
-    ended = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True
-    )
-    imported = ended.stdout.split()
-    assert "vo_service.outputs.zenoh.output" in imported
-    packages = tuple(f"vo_service.{name}" for name in optional)
-    assert not [name for name in imported if name.startswith(packages)]
-
-
 INTERRUPTED_EARLY = """
 import sys
 known = set(sys.modules)

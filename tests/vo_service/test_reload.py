@@ -11,7 +11,10 @@ from hypothesis import strategies as st
 
 from drivers.camera import Led
 from drivers.core import InputError
+from tests.vo_service.fakes import ScriptedCamera, ScriptedOdometry
+from vo_service.app import ServiceDependencies, make_config_handlers
 from vo_service.config import RELOADABLE_KEYS, Config, ConfigReloader, diff_configs, read_config
+from vo_service.control import LoadShedder
 
 RED_LIGHT = replace(Config(), sensor=replace(Config().sensor, led=Led.RED))
 OTHER_PREFIX = replace(Config(), zenoh=replace(Config().zenoh, prefix="other"))
@@ -111,3 +114,10 @@ def test_a_wrong_command_line_does_not_stop_the_service() -> None:
 
     reloader = ConfigReloader(Config(), refuse)
     assert reloader.reload().config == Config()
+
+
+def test_every_live_key_has_a_handler() -> None:
+    handlers = make_config_handlers(
+        ScriptedCamera(), ScriptedOdometry(), LoadShedder([]), ServiceDependencies([])
+    )
+    assert set(handlers) == set(RELOADABLE_KEYS)

@@ -11,24 +11,20 @@ import pytest
 from drivers.calibration import KINECT_TIMING_PRIOR
 from drivers.core.geometry import rigid_transform, so3_exp
 from tests.simulators.kinect_simulator import (
-    IDENTITY,
     KinectSimulator,
     simulator_environment,
 )
 from tests.simulators.usb_frames import UsbFrames, write_usb_frames
 from tests.vo_service.corner_sequence import CAMERA, make_corner_kinect
 from tests.vo_service.odometry.synthetic_views import render_corner
-from tests.vo_service.sensor_faults import NO_KINECT_REASON
 from tests.vo_service.service_process import (
     ONLY_POSES_CONFIG,
     ServiceProcess,
     running_service,
 )
 from vo_service.sensor_memory import (
-    RememberedSensor,
     read_remembered_sensor,
     sensor_folder,
-    write_remembered_sensor,
 )
 
 pytestmark = [
@@ -39,7 +35,6 @@ pytestmark = [
 
 # Half a swing; played there and back it takes a second.
 FILM_FRAMES = 16
-OTHER = RememberedSensor("B00123456789012B", 0.0315, -0.0025, 0.0031, 0.0004)
 
 
 def write_film(folder: Path, count: int) -> UsbFrames:
@@ -101,20 +96,3 @@ def test_what_was_learned_is_used_by_the_next_service(
         camera = wait_for_timing(service, "memory")
     assert camera["readout_ms"] == pytest.approx(1e3 * learned.readout_s, abs=0.01)
     assert camera["depth_offset_ms"] == pytest.approx(1e3 * learned.depth_offset_s, abs=0.01)
-
-
-def test_another_sensor_has_its_own_timing(still: UsbFrames, tmp_path: Path) -> None:
-    write_remembered_sensor(sensor_folder(tmp_path / "service/state"), OTHER)
-    with (
-        make_corner_kinect(tmp_path, still) as first,
-        KinectSimulator(tmp_path, still, serial=OTHER.serial, registration=IDENTITY) as second,
-    ):
-        second.unplug()
-        with service_on(tmp_path / "service", first, second) as service:
-            wait_for_timing(service, "usual for the sensor")
-            first.unplug()
-            service.wait_for_reason(NO_KINECT_REASON, 0.0)
-            second.plug()
-            camera = wait_for_timing(service, "memory")
-    assert (camera["readout_ms"], camera["readout_sigma_ms"]) == (31.5, 3.1)
-    assert (camera["depth_offset_ms"], camera["depth_offset_sigma_ms"]) == (-2.5, 1.0)

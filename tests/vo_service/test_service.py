@@ -19,7 +19,6 @@ from tests.vo_service.fakes import (
     FakeClock,
     InstantStop,
     ScriptedCamera,
-    ScriptedOdometry,
     failed_estimate,
     good_estimate,
     make_frame,
@@ -27,9 +26,8 @@ from tests.vo_service.fakes import (
 from tests.vo_service.sample_map import FixedLoopClosure, make_map
 from tests.vo_service.service_loop import make_service, run_loop
 from vo_service import service as service_module
-from vo_service.frame_source import FrameSource, LiveClock, LiveSource, RecordedClock
+from vo_service.frame_source import FrameSource, LiveSource, RecordedClock
 from vo_service.odometry.stage_timers import STAGE_BUDGETS_MS
-from vo_service.types.estimate import Estimate
 from vo_service.types.odometry_update import TrackingState
 
 
@@ -191,32 +189,6 @@ def test_frames_whose_stamp_does_not_increase_are_skipped_and_counted(
     assert [pose.epoch for pose in collector.poses] == [0, 0, 0]
     assert [status.camera.skipped for status in collector.statuses] == [0, 0, 0, 1, 2, 2]
     assert [status.tracking.frames for status in collector.statuses] == [0, 1, 2, 2, 2, 3]
-
-
-def test_a_step_of_the_wall_clock_starts_an_epoch() -> None:
-    monotonic, ahead_s = FakeClock(), [5000.0]
-    stamps = LiveClock(0.0, monotonic, lambda: monotonic.now_s + ahead_s[0])
-
-    class Stepping(ScriptedOdometry):
-        def estimate(self, given: object) -> Estimate:
-            ahead_s[0] = 1400.0 if len(self.frames) == 1 else ahead_s[0]
-            return super().estimate(given)  # type: ignore[arg-type]
-
-    camera, collector = ScriptedCamera([make_frame(k) for k in range(4)]), CollectingOutput()
-    service = make_service(FrameSource(camera), [collector], (), stamps, odometry=Stepping())
-    with camera:
-        service.run(threading.Event())
-    assert [pose.epoch for pose in collector.poses] == [0, 0, 1, 1]
-    assert [pose.reason for pose in collector.poses] == ["", "", "clock_step", ""]
-    steps_s = np.diff([pose.stamp_s for pose in collector.poses])
-    np.testing.assert_allclose(steps_s, [1 / 30, 1 / 30 - 3600, 1 / 30], atol=1e-6)
-
-
-def test_a_restart_of_the_camera_clock_starts_an_epoch() -> None:
-    stamps_s = [1000.0, *(k / 30 for k in range(16))]
-    collector = run_loop([make_frame(k, stamp_s) for k, stamp_s in enumerate(stamps_s)])
-    assert [pose.epoch for pose in collector.poses] == [0, 1, 1]
-    assert collector.poses[1].reason == "clock_step"
 
 
 def test_a_stop_ends_the_loop_after_the_current_frame() -> None:

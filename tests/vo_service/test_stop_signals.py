@@ -12,7 +12,6 @@ import pytest
 from vo_service.signals import (
     InterruptedBySignal,
     force_exit_after,
-    reload_on_sighup,
     stop_on_signals,
 )
 
@@ -68,12 +67,6 @@ def test_a_check_raises_after_a_stop_request(number: signal.Signals, code: int) 
         with pytest.raises(InterruptedBySignal) as interruption:
             stop.check()
     assert interruption.value.exit_code == code
-
-
-def test_sighup_sets_its_event() -> None:
-    with reload_on_sighup() as hangup:
-        os.kill(os.getpid(), signal.SIGHUP)
-        assert hangup.is_set()
 
 
 # Not `signal.pause`: it misses a signal that comes just before it.

@@ -156,7 +156,6 @@ class AssembledFrame:
     """All messages of one stamp.
 
     Attributes:
-        pose: The pose.
         payloads: By topic: the CDR message.
         attachment: JSON of one of the frame's messages.
     """

@@ -73,7 +73,6 @@ class LevelFilter:
         """Begin with an `odom` that is level by a source.
 
         Args:
-            source: The source.
             bias_m_s2: (3,) bias of the accelerometer that an earlier run has learned.
         """
         self.source = source
@@ -117,7 +116,6 @@ class LevelFilter:
         Args:
             R_odom_camera: 3x3 attitude of the camera.
             reading_m_s2: (3,) specific force in camera axes.
-            stamp_s: Its stamp.
         """
         elapsed_s, self._reading_s = stamp_s - self._reading_s, stamp_s
         is_floor_recent = self.is_floor_recent(stamp_s)

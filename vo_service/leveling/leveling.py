@@ -122,7 +122,6 @@ class Leveling:
         """Measure the up direction by a frame with a pose.
 
         Args:
-            frame: The frame.
             T_odom_camera: 4x4 pose of its camera.
         """
         R_odom_camera = T_odom_camera[:3, :3]

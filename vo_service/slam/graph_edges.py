@@ -64,7 +64,6 @@ Adjacency = MutableMapping[int, list[Edge]]
 
 
 def build_adjacency(edges: Iterable[Edge]) -> Adjacency:
-    """Build the adjacency of edges."""
     adjacency: Adjacency = defaultdict(list)
     for edge in edges:
         add_to_adjacency(adjacency, edge)
@@ -72,7 +71,6 @@ def build_adjacency(edges: Iterable[Edge]) -> Adjacency:
 
 
 def add_to_adjacency(adjacency: Adjacency, edge: Edge) -> None:
-    """Add an edge to the adjacency."""
     adjacency[edge.a].append(edge)
     adjacency[edge.b].append(edge)
 

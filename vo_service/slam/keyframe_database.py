@@ -253,7 +253,6 @@ class QueryFrame:
 
     @property
     def stamp_s(self) -> float:
-        """Stamp of the frame."""
         return self.view.images.stamp_s
 
     @property

@@ -41,7 +41,6 @@ class KeyframeObservation:
     """A tracked frame that becomes a keyframe.
 
     Attributes:
-        frame: The frame.
         world_id: Number of the world frame of its pose.
         T_world_camera: 4x4.
         constraint: Motion from the last keyframe, if that is in this world frame.

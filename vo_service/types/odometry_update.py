@@ -39,7 +39,6 @@ class OdometryUpdate:
             (x y z rx ry rz).
         twist: (6,) velocity in the child frame, m/s and rad/s, ROS order.
         twist_covariance: 6x6 of this step, in the child frame, ROS order.
-        frame: The frame.
         estimate: The odometry's estimate of it.
         stage_ms: CPU time by stage, ms.
         latency_s: Time from the frame's arrival to this result, s.

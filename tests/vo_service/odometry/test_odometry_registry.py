@@ -29,6 +29,18 @@ def test_the_first_frame_is_the_origin_of_every_method(recording: Path, method: 
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("method", METHODS)
+def test_the_same_frames_give_the_same_bits(recording: Path, method: str) -> None:
+    bits = []
+    for _ in range(2):
+        odometry = make_odometry(method)
+        with open_camera(f"tum:{recording}") as camera:
+            estimates = [odometry.estimate(frame) for frame in camera]
+        bits.append([(e.T_world_camera.tobytes(), e.covariance.tobytes()) for e in estimates])
+    assert bits[0] == bits[1]
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["direct", "surf"])
 def test_an_odometry_tracks_the_camera(recording: Path, method: str) -> None:
     odometry = make_odometry(method)

@@ -151,25 +151,6 @@ def test_programs_on_the_robot_need_no_certificate(network: TlsNetwork, robot: T
         assert query_replies(session, "kinect/command/reset")
 
 
-@pytest.mark.parametrize("payload", [b"{", b"[1]", b'{"T_odom_base": 7}', b"\xff\xfe", b" " * 5000])
-def test_a_malformed_command_gets_an_error_reply(
-    network: TlsNetwork, robot: TlsRobot, payload: bytes
-) -> None:
-    with network.open_session("operator-tls.json5", "ours/operator") as operator:
-        (reply,) = query_replies(operator, "kinect/command/reset", payload)
-    assert json.loads(reply)["error"] == "bad-request"
-    assert robot.executed == []
-
-
-def test_an_oversize_command_never_reaches_the_service(
-    network: TlsNetwork, robot: TlsRobot
-) -> None:
-    with network.open_session("operator-tls.json5", "ours/operator") as operator:
-        assert query_replies(operator, "kinect/command/reset", b" " * 100_000) == []
-        assert query_replies(operator, "kinect/command/reset")
-    assert len(robot.executed) == 1
-
-
 @pytest.mark.subprocess
 @pytest.mark.parametrize("flooder", ["operator", "reader"])
 def test_a_flood_of_commands_costs_a_normal_subscriber_no_pose(

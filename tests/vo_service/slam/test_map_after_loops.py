@@ -15,7 +15,6 @@ from tests.vo_service.slam.scripted_recognizer import (
     make_observation,
     pose_ahead,
 )
-from vo_service.slam import optimization_schedule
 from vo_service.slam.keyframe_database import (
     LOST_VELOCITY_SIGMA,
     TRACKED_VELOCITY_SIGMA,
@@ -45,39 +44,6 @@ def test_an_inconsistent_loop_closure_optimizes_the_map_at_once() -> None:
     made, _ = closer_after_walk(error_m=0.02)
     assert path_m(made.graph.T_map_keyframe(LAST)) == pytest.approx(LAST_M + 0.02, abs=1e-3)
     assert path_m(made.T_map_world) == pytest.approx(0.02, abs=1e-3)
-
-
-def test_a_consistent_loop_closure_optimizes_the_map_ten_keyframes_later() -> None:
-    made, _ = closer_after_walk(error_m=0.003)
-    for step in range(1, 10):
-        made.process_keyframe(make_observation(LAST_M + STEP_M * step))
-    assert path_m(made.graph.T_map_keyframe(LAST)) == pytest.approx(LAST_M, abs=1e-9)
-    made.process_keyframe(make_observation(LAST_M + STEP_M * 10))
-    assert path_m(made.graph.T_map_keyframe(LAST)) == pytest.approx(LAST_M + 0.003, abs=2e-4)
-
-
-def test_an_inconsistent_loop_closure_optimizes_the_map_once(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    made, _ = closer_after_walk(error_m=0.02)
-    corrections: list[None] = []
-    monkeypatch.setattr(made.graph, "optimize", lambda: corrections.append(None))
-    for step in range(1, 15):
-        made.process_keyframe(make_observation(LAST_M + STEP_M * step))
-    made.optimize()
-    assert not corrections
-
-
-def test_a_large_map_is_optimized_less_often(monkeypatch: pytest.MonkeyPatch) -> None:
-    made, scripted = closer_after_walk(error_m=0.02)
-    monkeypatch.setattr(optimization_schedule, "MIN_INTERVAL_RATIO", 0.2)
-    off_m = []
-    for step in range(1, 5):
-        scripted.matches = {0: pose_ahead(LAST_M + STEP_M * step + 0.05)}
-        made.process_keyframe(make_observation(LAST_M + STEP_M * step))
-        off_m.append(path_m(made.graph.T_map_keyframe(LAST + step)) - LAST_M - STEP_M * step)
-    assert max(off_m[:2]) < 0.03
-    assert off_m[2] > 0.03  # three places of thirteen
 
 
 def test_a_view_of_many_keyframes_closes_three_loops() -> None:
@@ -144,20 +110,6 @@ def test_a_relocalization_has_the_covariance_of_the_recognition() -> None:
     assert np.array_equal(
         scripted.T_map_place[LAST], made.graph.T_map_keyframe(LAST)
     )  # rivals show
-
-
-@pytest.mark.parametrize("contradictory", [False, True])
-def test_one_view_of_two_consistent_keyframes_connects_a_world(
-    contradictory: bool,
-) -> None:
-    made, scripted = make_loop_closer()
-    scripted.rejects_multiple = contradictory
-    for step in range(2):
-        made.process_keyframe(make_observation(STEP_M * step))
-    scripted.matches = {0: pose_ahead(1.0), 1: pose_ahead(1.0 - STEP_M)}
-    made.process_keyframe(make_observation(0.0, world=1))
-    assert made.snapshot.is_localized is not contradictory
-    assert made.loop_count == (0 if contradictory else 2)
 
 
 def test_keyframes_of_an_unconnected_world_are_not_near() -> None:

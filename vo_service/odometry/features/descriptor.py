@@ -154,7 +154,6 @@ def sample_bilinear(
     There are three loops, as only the middle one, the loads, does not vectorize.
 
     Args:
-        level: The level.
         x: (N,) positions, overwritten.
         y: (N,) positions, overwritten.
         where: (N,) scratch.

@@ -249,7 +249,6 @@ def find_maxima(
 
     Args:
         integral: (H+1, W+1) integral image.
-        layer: The layer.
         threshold: Smallest response.
     """
     lobes, step = layer

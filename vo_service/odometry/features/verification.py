@@ -118,7 +118,6 @@ def rejection_reason(
     something large moves before the camera.
 
     Args:
-        view: The view.
         reference: The view that it was matched with.
         motion: The motion between them; `inlier` has an entry for each match.
         verifier: For matches of this kind.

@@ -38,8 +38,6 @@ def select_pairs_with_depth(
     """Select the pairs (M, 2) of features of a view and its reference that both have depth.
 
     Args:
-        view: The view.
-        reference: The reference.
         pairs: (M, 2) indices of features of both.
     """
     return pairs[view.points.has_depth[pairs[:, 0]] & reference.points.has_depth[pairs[:, 1]]]
@@ -49,8 +47,6 @@ def match_views(view: FeatureView, reference: FeatureView, max_ratio: float) -> 
     """Match the features of a view and its reference: pairs (M, 2) that both have depth.
 
     Args:
-        view: The view.
-        reference: The reference.
         max_ratio: See `match_features`.
     """
     pairs = match_features(view.features, reference.features, max_ratio)
@@ -66,8 +62,6 @@ def make_tracking_debug(
     """Make the debug data of matches (M, 2), of which (M,) are inliers of a motion.
 
     Args:
-        view: The view.
-        reference: The reference.
         matches: (M, 2) indices of features of both.
         inlier: (M,) which matches agree with the motion.
     """

@@ -95,7 +95,6 @@ def accumulate_bundle(
     Args:
         T: (K, 4, 4) T_view_world.
         position_m: (L, 3) in the world frame.
-        observations: The observations.
         damping: Factor of Levenberg and Marquardt for the points.
         equations: Zero on entry.
     """

@@ -90,8 +90,6 @@ def pair_rays(
     A feature that observes a point gets the point's ray and depth, which all keyframes determine.
 
     Args:
-        view: The view.
-        keyframe: The keyframe.
         points: All points.
         matches: (M, 2) features of the view and of the keyframe.
     """
@@ -126,7 +124,6 @@ def find_known_points(
     The longer a point is observed, the less the scale and the pose drift.
 
     Args:
-        keyframe: The keyframe.
         older: A keyframe before it.
         points: All points.
         ratio: Of the matching, see `match_features`.
@@ -155,8 +152,6 @@ class MatchedView:
     """A view matched with a keyframe.
 
     Attributes:
-        view: The view.
-        keyframe: The keyframe.
         matches: (M, 2) matched features of the view and of the keyframe.
         pairs: Their rays and known depths.
         unscaled_motion: The motion by the rays; None if there is none.

@@ -94,7 +94,6 @@ class KeyframeWindow:
         """Pair the rays of matched features (M, 2) of a view and a keyframe.
 
         Args:
-            view: The view.
             keyframe: A keyframe of the window.
             matches: (M, 2) features of the view and of the keyframe.
         """

@@ -59,8 +59,6 @@ def match_by_prediction(
     Both have depth and each is the other's nearest; bright and dark blobs are never compared.
 
     Args:
-        view: The view.
-        reference: The reference.
         prediction: Of the motion between them.
     """
     predicted = _project_reference(view, reference, prediction)
@@ -210,7 +208,6 @@ class RecentViews:
         """Add a good view, with the motion since the last one and its covariance.
 
         Args:
-            view: The view.
             T_world_camera: 4x4 pose.
             T_last_camera: 4x4 motion since the last good view.
             covariance: 6x6 of that motion, see `Estimate`.
@@ -288,7 +285,6 @@ class SurfRecovery:
         """Add a good view, with the motion since the last one and its covariance.
 
         Args:
-            view: The view.
             T_world_camera: 4x4 pose.
             T_last_camera: 4x4 motion since the last good view.
             covariance: 6x6 of that motion, see `Estimate`.
@@ -301,7 +297,6 @@ class SurfRecovery:
         """Recover by the last view, else by an older one, selected by `turn`; None if both fail.
 
         Args:
-            view: The view.
             last: The last good view.
             turn: Number that selects the older view.
         """

@@ -34,7 +34,6 @@ class FrameMessages:
     """Makes the messages of one frame; each call makes a new one.
 
     Attributes:
-        frame: The frame.
         stamp_s: Stamp of the frame, Unix seconds.
         frame_id: Frame of the camera.
     """

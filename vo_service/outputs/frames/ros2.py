@@ -32,7 +32,6 @@ class RosFrames:
     """The frames' topics for ROS 2 on one session.
 
     Args:
-        session: The session.
         prefix: Prefix of the frames' own keys, which is part of the node's name.
         ros2: Domain, namespace, and whether to publish transforms.
     """

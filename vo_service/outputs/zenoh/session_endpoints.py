@@ -388,7 +388,6 @@ class SessionEndpoints:
         self._map_odom.put(payload, attachment=attachment)
 
     def publish_status(self, payload: bytes) -> None:
-        """Publish a status."""
         self._status.put(payload)
 
     def wait_for_subscriber(self, timeout_s: float) -> bool:

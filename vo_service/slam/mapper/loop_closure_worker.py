@@ -86,7 +86,6 @@ class LoopClosureWorker:
         return len(self._loop_closer.database)
 
     def anchor_to_last_keyframe(self, T_odom_camera: Array) -> AnchoredPose:
-        """Anchor a pose to the last keyframe."""
         return self._loop_closer.anchor_to_last_keyframe(T_odom_camera)
 
     def T_map_camera(self, pose: AnchoredPose) -> Array:

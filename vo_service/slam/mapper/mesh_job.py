@@ -57,7 +57,6 @@ class MeshJob:
         return self._result
 
     def wait_for_result(self) -> SaveMapResult:
-        """Wait for the result."""
         try:
             result: SaveMapResult = self._result.recv()
         except EOFError:

@@ -125,11 +125,6 @@ def test_directions_and_descriptors_rotate_with_the_image(angle_deg: float) -> N
     assert share_matched(repeated) > 0.75
 
 
-def test_a_rotation_by_90_degrees_keeps_nearly_all_features() -> None:
-    repeated = turned_by(90.0)
-    assert share_matched(repeated) > 0.95
-
-
 def test_upright_features_have_the_direction_of_the_image_and_do_not_match_after_a_rotation() -> (
     None
 ):

@@ -7,11 +7,10 @@ from numpy.typing import NDArray
 
 from drivers.core.geometry import Array
 from tests.vo_service.odometry.features.response_layers import response_layer
-from tests.vo_service.odometry.synthetic_views import FIRST_CALL_COMPILES, make_blob_image
+from tests.vo_service.odometry.synthetic_views import FIRST_CALL_COMPILES
 from vo_service.odometry.features.detector import (
     NUM_COLUMNS,
     RESPONSE,
-    SCALE,
     SIGN,
     Layer,
     find_maxima,
@@ -156,12 +155,3 @@ def test_no_maximum_of_a_raster_is_left_out(spacing: int) -> None:
     found = maxima(image)
     assert len(expected) > 100
     assert found[:, :SIGN] == pytest.approx(expected, rel=1e-4, abs=2e-3)
-
-
-@pytest.mark.parametrize(("dark", "sign"), [(True, 1.0), (False, -1.0)])
-def test_the_sign_distinguishes_dark_from_bright_blobs(dark: bool, sign: float) -> None:
-    found = maxima(make_blob_image(60, 60, (30.0, 28.0), 3.0, dark))
-    strongest = found[found[:, RESPONSE].argmax()]
-    assert strongest[:2] == pytest.approx([30.0, 28.0], abs=0.1)
-    assert strongest[SIGN] == sign
-    assert strongest[SCALE] == pytest.approx(2.0, abs=0.4)

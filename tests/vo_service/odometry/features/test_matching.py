@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from tests.vo_service.odometry.synthetic_views import FIRST_CALL_COMPILES, make_textured_image
 from vo_service.odometry.features.extractor import Features, SurfExtractor
-from vo_service.odometry.features.matching import find_best_two, match_descriptors, match_features
+from vo_service.odometry.features.matching import match_descriptors, match_features
 
 Table = NDArray[np.float32]
 
@@ -70,33 +70,6 @@ def test_the_second_nearest_must_be_further_by_the_match_ratio(
     query = np.zeros((1, 2), np.float32)
     reference = np.array([[4, 0], [0, second]], np.float32)
     assert len(match_descriptors(query, reference, ratio)) == matches
-
-
-def test_a_pair_must_be_nearest_both_ways() -> None:
-    query = np.array([[0, 0], [3, 0]], np.float32)
-    reference = np.array([[2, 0], [50, 0]], np.float32)
-    assert match_descriptors(query, reference, 0.8).tolist() == [[1, 0]]
-
-
-def test_two_equal_references_give_no_match() -> None:
-    query = np.array([[1, 2]], np.float32)
-    assert len(match_descriptors(query, np.repeat(query, 2, axis=0), 0.8)) == 0
-
-
-def test_a_single_reference_is_matched_whatever_its_distance() -> None:
-    query = random_descriptors(0, 1, 64, 50)
-    assert match_descriptors(query, query + np.float32(9), 0.5).tolist() == [[0, 0]]
-
-
-@given(st.integers(0, 2**32 - 1), st.integers(1, 20), st.integers(1, 20))
-@FIRST_CALL_COMPILES
-def test_best_two_are_the_two_largest_and_the_first_of_equals(seed: int, k: int, n: int) -> None:
-    table = random_descriptors(seed, k, n, 4)
-    best, second, nearest = find_best_two(table)
-    padded = np.sort(np.vstack([np.full(n, -np.inf), table]), axis=0)
-    assert np.array_equal(best, padded[-1])
-    assert np.array_equal(second, padded[-2])
-    assert np.array_equal(nearest, table.argmax(axis=0))
 
 
 def test_bright_blobs_are_never_matched_to_dark_ones() -> None:

@@ -11,7 +11,6 @@ from drivers.camera import RgbdFrame
 from drivers.core.geometry import inverse, rigid_transform, so3_exp
 from tests.vo_service.odometry.estimate_checks import (
     assert_counts_consistent,
-    assert_starts_at_origin,
     assert_valid_or_explained,
 )
 from tests.vo_service.odometry.hand_held_sequence import assert_close, estimate_all
@@ -51,12 +50,6 @@ def test_poses_are_the_product_of_the_motions(views: list[RgbdFrame]) -> None:
         assert np.array_equal(estimate.T_world_camera, T)
 
 
-def test_the_first_frame_is_the_world_frame(views: list[RgbdFrame]) -> None:
-    first = IcpOdometry().estimate(views[0])
-    assert_starts_at_origin(first)
-    assert first.features == len(first.debug.keypoints_px) > 200
-
-
 def test_an_estimate_has_its_numbers_of_points(views: list[RgbdFrame]) -> None:
     estimate = estimate_all(IcpOdometry(), views[:2])[1]
     evidence = estimate.debug
@@ -75,13 +68,6 @@ def test_the_error_has_the_size_of_the_covariance(views: list[RgbdFrame]) -> Non
         sigma_m = np.sqrt(np.trace(estimate.covariance[:3, :3]))
         assert np.linalg.norm(error[:3, 3]) < 3 * sigma_m
         assert sigma_m < 0.02
-
-
-def test_the_same_frames_twice_give_the_same_bits(views: list[RgbdFrame]) -> None:
-    first, second = (estimate_all(IcpOdometry(), views) for _ in range(2))
-    for a, b in zip(first, second, strict=True):
-        assert np.array_equal(a.T_world_camera, b.T_world_camera)
-        assert np.array_equal(a.covariance, b.covariance)
 
 
 def test_a_camera_at_rest_does_not_drift() -> None:

@@ -104,12 +104,6 @@ def test_a_failed_incident_leaves_nothing_behind(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_folder_that_cannot_be_created_is_reported(tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    with pytest.raises(UserFacingError, match="file/incidents: cannot be written"):
-        IncidentStore(tmp_path / "file" / "incidents", 1000).write(NEW, fill)
-
-
 def test_an_unusable_folder_is_reported_in_advance(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     assert check_writable(tmp_path) == check_writable(tmp_path / "new" / "incidents") == ""

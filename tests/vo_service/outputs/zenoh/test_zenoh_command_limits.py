@@ -3,12 +3,12 @@
 import logging
 import threading
 from collections.abc import Callable
-from typing import Any
 
 import pytest
 
 from tests.vo_service.outputs.zenoh.query_helpers import (
     answer_next_command,
+    config,
     output_with_commands,
     query_json,
     reply_json,
@@ -16,6 +16,7 @@ from tests.vo_service.outputs.zenoh.query_helpers import (
 from tests.waiting import wait_until
 from vo_service.config_tables import CommandConfig
 from vo_service.control import CommandQueue
+from vo_service.outputs.zenoh.session import open_session
 from vo_service.outputs.zenoh.session_endpoints import (
     CommandRateLimit,
     CommandServer,
@@ -96,10 +97,17 @@ def test_the_rate_limit_reports_the_number_of_refusals(caplog: pytest.LogCapture
     assert [args[1] for args in log_args if isinstance(args, tuple)] == [1, 61]
 
 
-def test_the_configuration_sets_the_rate() -> None:
-    commands: Any = make_command_endpoint(CommandConfig(per_second=3.0), CommandQueue())
+def test_the_configuration_sets_the_rate(free_port: int) -> None:
+    commands = make_command_endpoint(CommandConfig(per_second=1.0), CommandQueue())
     assert isinstance(commands, CommandServer)
-    assert commands._rate_limit._bucket.per_second == 3.0
-    commands.configure(CommandConfig(per_second=5.0))
-    assert commands._rate_limit._bucket.per_second == 5.0
+    with open_session(config(free_port)) as session:
+        commands.declare(session, "kinect")
+        codes = [query_json(session, "kinect/command/dance")[0]["error"] for _ in range(9)]
+        commands.configure(CommandConfig(per_second=1000.0))
+        wait_until(
+            lambda: query_json(session, "kinect/command/dance")[0]["error"] == "unknown-command"
+        )
+        later = {query_json(session, "kinect/command/dance")[0]["error"] for _ in range(9)}
     commands.close()
+    assert "rate-limited" in codes
+    assert later == {"unknown-command"}

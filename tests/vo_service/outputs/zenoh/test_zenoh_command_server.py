@@ -1,7 +1,7 @@
 """Commands over real Zenoh: what reaches the queue, what is replied and what is refused."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing
 
 import pytest
@@ -32,21 +32,16 @@ from vo_service.outputs.zenoh.session_endpoints import (
 from vo_service.types.commands import (
     COMMANDS,
     CommandError,
-    EpochReply,
     ErrorCode,
     FolderReply,
     LedCommand,
     LedReply,
     PauseCommand,
     PausedReply,
-    ResetCommand,
     TiltReply,
 )
-from vo_service.types.odometry_update import OdometryUpdate
 
 pytestmark = pytest.mark.zenoh
-
-MakeUpdate = Callable[..., OdometryUpdate]
 
 
 @pytest.fixture(scope="module")
@@ -73,15 +68,6 @@ def test_a_command_reaches_the_queue_and_its_reply_the_client(
     assert str(reply.ok.key_expr) == "kinect/command/led"
 
 
-def test_an_empty_payload_means_no_arguments(queue_and_session: QueueAndSession) -> None:
-    command_queue, session = queue_and_session
-    channel = session.get("kinect/command/reset", timeout=100)
-    future = next_command(command_queue)
-    future.set_result(EpochReply(3))
-    assert [reply_json(reply) for reply in channel] == [{"schema": 1, "epoch": 3}]
-    assert isinstance(future.command, ResetCommand)
-
-
 def test_a_refusal_of_the_loop_is_returned_with_its_code(
     queue_and_session: QueueAndSession,
 ) -> None:
@@ -103,15 +89,7 @@ def test_a_refusal_of_the_loop_is_returned_with_its_code(
     [
         ("dance", b"", "unknown-command", "there is no command 'dance'; there are: reset"),
         ("tilt", b"", "bad-request", "argument `tilt_deg` is missing"),
-        (
-            "tilt",
-            b'{"tilt_deg": 90}',
-            "bad-request",
-            "90 is out of range; give at least -31 and at most 31",
-        ),
-        ("pause", b'{"now": true}', "bad-request", "argument `now` is unknown"),
         ("pause", b"\xff\xfe", "bad-request", "not JSON"),
-        ("pause", b"[" * 4000, "bad-request", "not JSON"),
         ("pause", b" " * 4097, "bad-request", "the payload has 4097 bytes; the limit is 4096"),
         ("pause?now=true", b"", "bad-request", "send arguments as JSON in the payload"),
     ],

@@ -6,7 +6,9 @@ from pathlib import Path
 import pytest
 
 from drivers.core import InputError
-from vo_service.outputs.zenoh.zenoh_config import read_zenoh_config
+from vo_service.config_tables import ZenohConfig
+from vo_service.outputs.zenoh.addresses import connect_endpoints
+from vo_service.outputs.zenoh.zenoh_config import build_zenoh_config, read_zenoh_config
 
 KEY = "transport/link/tls/listen_private_key"
 
@@ -82,3 +84,29 @@ def test_a_wrong_file_is_reported_with_the_reason(tmp_path: Path, text: str, mes
         read_zenoh_config(file)
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "connect",
+    [
+        "['tcp/a:1', 'tls/b:2']",
+        "{peer: ['tcp/a:1', 'tls/b:2'], router: ['tcp/c:3']}",
+    ],
+)
+def test_a_file_may_set_connect_endpoints_in_several_formats(tmp_path: Path, connect: str) -> None:
+    file = tmp_path / "zenoh.json5"
+    file.write_text(f"{{connect: {{endpoints: {connect}}}}}")
+    assert connect_endpoints(ZenohConfig(config_file=file)) == ("tcp/a:1", "tls/b:2")
+
+
+def test_without_a_file_the_configuration_sets_the_endpoints() -> None:
+    assert connect_endpoints(ZenohConfig(connect=("tcp/a:1",))) == ("tcp/a:1",)
+    assert connect_endpoints(ZenohConfig()) == ()
+
+
+LOCAL = Path(__file__).parents[4] / "config" / "zenoh" / "local.json5"
+
+
+def test_the_local_file_changes_nothing() -> None:
+    with_file = build_zenoh_config(ZenohConfig(config_file=LOCAL))
+    assert json.loads(str(with_file)) == json.loads(str(build_zenoh_config(ZenohConfig())))

@@ -277,11 +277,3 @@ def test_a_file_that_disappears_later_is_a_warning(free_port: int, tmp_path: Pat
         wait_until(
             lambda: not connection_policy.sessions() and "zenoh.json5" in connection_policy.warning
         )
-
-
-def test_a_session_on_a_free_port_has_no_warning(free_port: int) -> None:
-    connection_policy = ConnectWithRetry(config(free_port))
-    (session,) = connection_policy.sessions()
-    assert connection_policy.warning == ""
-    session.close()  # type: ignore[no-untyped-call]
-    assert open_session(config(free_port)).close() is None  # type: ignore[no-untyped-call]

@@ -30,13 +30,6 @@ def test_a_port_in_use_is_one_line_with_a_remedy() -> None:
     assert "\n" not in text
 
 
-@pytest.mark.zenoh
-def test_a_second_session_on_the_same_port_is_refused(free_port: int) -> None:
-    config = ZenohConfig(listen=(f"tcp/127.0.0.1:{free_port}",))
-    with open_session(config), pytest.raises(UserFacingError, match="the port is in use"):
-        open_session(config)
-
-
 @pytest.mark.subprocess
 def test_zenoh_itself_prints_nothing(free_port: int) -> None:
     script = (

@@ -12,7 +12,6 @@ from queue import SimpleQueue
 import pytest
 import zenoh
 
-from tests import ports
 from tests.vo_service.outputs.zenoh.query_helpers import connected_session
 from vo_service.config_tables import ZenohConfig
 from vo_service.outputs.zenoh.output import LIVE_QOS, ConnectWithRetry, ZenohOutput
@@ -27,16 +26,6 @@ from vo_service.config_tables import ZenohConfig
 from vo_service.outputs.zenoh.session import open_session
 session = open_session(ZenohConfig(listen=(), connect=(sys.argv[1],)))
 session.declare_subscriber("kinect/odom", lambda sample: print("ready", flush=True))
-input()
-"""
-ROUTER = """
-import sys, zenoh
-config = zenoh.Config()
-config.insert_json5("mode", '"router"')
-config.insert_json5("listen/endpoints", f'["{sys.argv[1]}"]')
-config.insert_json5("scouting/multicast/enabled", "false")
-session = zenoh.open(config)
-print("ready", flush=True)
 input()
 """
 
@@ -102,20 +91,3 @@ def test_a_frozen_or_killed_subscriber_does_not_affect_others(
             assert healthy.receives_all(updates[:1])
         other.send_signal(fate)
         assert healthy.receives_all(updates)
-
-
-def test_a_killed_router_does_not_affect_connected_subscribers(
-    free_port: int, updates: list[OdometryUpdate]
-) -> None:
-    router_at = f"tcp/127.0.0.1:{ports.free_port()}"
-    config = ZenohConfig(listen=(f"tcp/127.0.0.1:{free_port}",), connect=(router_at,))
-    with running(ROUTER, router_at) as router:
-        wait_until_ready(router)
-        with (
-            closing(ZenohOutput(config, LIVE_QOS, ConnectWithRetry)) as output,
-            connected_session(free_port) as session,
-        ):
-            healthy = HealthySubscriber(session, output)
-            assert healthy.receives_all(updates[: COUNT // 2])
-            router.kill()
-            assert healthy.receives_all(updates[COUNT // 2 :])

@@ -55,12 +55,6 @@ def test_a_mesh_has_the_seen_surfaces_in_odom(saved_wall: SavedWallMap) -> None:
     assert np.abs(places_m[:, 2]).max() < 1.0
 
 
-def test_a_map_is_private_and_leaves_no_other_file(saved_wall: SavedWallMap) -> None:
-    assert list(saved_wall.map.parent.iterdir()) == [saved_wall.map]
-    assert saved_wall.map.stat().st_mode & 0o777 == 0o600
-    assert saved_wall.map.parent.stat().st_mode & 0o777 == 0o700
-
-
 def test_a_saved_map_is_kept_and_keyframes_stay_for_the_next(saved_wall: SavedWallMap) -> None:
     assert saved_wall.mapper.warning == ""
     assert saved_wall.mapper.state.mesh_keyframes == 3

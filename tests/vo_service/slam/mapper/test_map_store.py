@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 from drivers.core import UserFacingError
-from tests.full_disk import limit_file_size
 from vo_service.slam.mapper.map_store import MapStore
 
 TOTAL = 10_000
@@ -55,15 +54,6 @@ def test_a_map_larger_than_the_quota_deletes_no_other(maps: MapStore) -> None:
     with pytest.raises(UserFacingError, match=r"huge.ply: it needs .* more than map.total_mb"):
         maps.write(maps.mesh_file("huge"), TOTAL, file_of(TOTAL + 1))
     assert names(maps) == ["old.ply"]
-
-
-def test_an_unwritable_map_leaves_nothing_behind(maps: MapStore) -> None:
-    with (
-        limit_file_size(1000),
-        pytest.raises(UserFacingError, match=r"kitchen.ply: the disk is full"),
-    ):
-        maps.write(maps.mesh_file("kitchen"), TOTAL, file_of(4000))
-    assert names(maps) == []
 
 
 def test_partial_maps_of_a_killed_process_are_removed(maps: MapStore) -> None:

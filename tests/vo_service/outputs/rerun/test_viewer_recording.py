@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from drivers.core.geometry import Trajectory, rigid_transform, transform_points
-from drivers.core.rate_limits import Throttle
 from tests.vo_service.outputs.rerun.rerun_recording import (
     count_rows,
     draw,
@@ -141,11 +140,3 @@ def test_points_project_to_their_pixels(make_update: MakeUpdate) -> None:
     assert len(points) == 16 * 12 - 4  # the hole in the depth covers four grid points
     assert np.all(points[:, 2] > 0)
     assert len(colors) == len(points)
-
-
-def test_images_are_rate_limited_also_after_a_clock_step() -> None:
-    throttle = Throttle(0.1)
-    stamps_s = [0.0, 0.033, 0.066, 0.0999, 0.12, -50.0, -49.99, -49.8]
-    assert [throttle.allow(stamp_s) for stamp_s in stamps_s] == [
-        True, False, False, True, False, True, False, True,
-    ]  # fmt: skip

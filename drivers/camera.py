@@ -7,7 +7,7 @@ import logging
 import math
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property
@@ -444,6 +444,20 @@ class RgbdCamera(ABC):
     def ground_truth(self) -> Trajectory | None:
         """True poses of the color camera, if the source knows them."""
         return None
+
+    def recorded_odometry(self, topics: Collection[str]) -> Iterator[bytes]:
+        """Yield the messages of a base's odometry that were recorded beside the frames.
+
+        Args:
+            topics: Topics, with the first slash.
+
+        Returns:
+            CDR ``nav_msgs/msg/Odometry``, in the order of recording.
+
+        Raises:
+            InputError: The recording is damaged; while iterating.
+        """
+        return iter(())
 
     def __enter__(self) -> Self:
         self.open()

@@ -1,5 +1,7 @@
 """A camera that passes everything on to another camera: the base of those that change a part."""
 
+from collections.abc import Collection, Iterator
+
 from drivers.camera import CameraCounters, CameraStatus, Led, RgbdCamera, RgbdFrame
 from drivers.core.geometry import Trajectory
 
@@ -59,3 +61,6 @@ class CameraWrapper(RgbdCamera):
     @property
     def ground_truth(self) -> Trajectory | None:
         return self._camera.ground_truth
+
+    def recorded_odometry(self, topics: Collection[str]) -> Iterator[bytes]:
+        return self._camera.recorded_odometry(topics)

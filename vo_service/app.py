@@ -7,6 +7,7 @@ import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
@@ -53,8 +54,10 @@ from vo_service.types.outputs import (
     SensorMemory,
     no_ground_truth,
 )
+from vo_service.wheel_odometry.recorded_wheels import RecordedWheelOdometry, recorded_topics
 from vo_service.wheel_odometry.wheel_odometry import (
     NullWheelOdometry,
+    WheelMessage,
     WheelOdometry,
     WheelOdometrySource,
 )
@@ -94,6 +97,7 @@ class OutputsConfig:
         mcap: MCAP file to record; None: no file.
         trajectory: Trajectory file to write; None: no file.
         ground_truth: Returns the ground truth for the viewer; called after the first frame.
+        wheel_messages: Returns the messages of the wheels since its last call, for the MCAP file.
         log_line: Shows a line with an output's address to the user.
     """
 
@@ -110,6 +114,7 @@ class OutputsConfig:
     mcap: Path | None = None
     trajectory: Path | None = None
     ground_truth: GroundTruthSource = no_ground_truth
+    wheel_messages: Callable[[], Sequence[WheelMessage]] = tuple
     log_line: Callable[[str], None] = logger.info
 
 
@@ -210,10 +215,17 @@ def open_mapper(config: Config) -> Mapper:
     return open_mapper(config.map)
 
 
-def make_wheel_odometry(config: Config) -> WheelOdometrySource:
-    """Make the odometry of the wheels; a `NullWheelOdometry` if it is disabled."""
+def make_wheel_odometry(config: Config, camera: RgbdCamera) -> WheelOdometrySource:
+    """Make the odometry of the wheels; a `NullWheelOdometry` if it is disabled.
+
+    That of a recording is read from it, that of a live camera is sent over Zenoh.
+    """
     if not config.wheel_odometry.enabled:
         return NullWheelOdometry()
+    if camera.clock is Clock.RECORDED:
+        topics = recorded_topics(config.wheel_odometry)
+        open_messages = partial(camera.recorded_odometry, topics)
+        return RecordedWheelOdometry(config.wheel_odometry, " or ".join(topics), open_messages)
     has_transforms = config.ros2.enabled and config.ros2.tf
     frame_ids = (config.zenoh.odom_frame_id, config.zenoh.child_frame_id)
     return WheelOdometry(
@@ -225,7 +237,7 @@ def make_wheel_odometry(config: Config) -> WheelOdometrySource:
 
 def make_wheel_subscription(config: Config, wheel_odometry: WheelOdometrySource) -> SubscribeWheels:
     """Make what subscribes to the messages of the wheels."""
-    if isinstance(wheel_odometry, NullWheelOdometry):
+    if isinstance(wheel_odometry, NullWheelOdometry | RecordedWheelOdometry):
         return subscribe_to_no_wheels
     return WheelSubscription(_wheel_keys(config), wheel_odometry.add_message).declare
 
@@ -249,7 +261,9 @@ def _open_mcap(config: OutputsConfig, path: Path, stack: ExitStack) -> Output:
     check_bag_packages(path)
     from vo_service.outputs.mcap_recording import open_mcap_recording
 
-    recording = open_mcap_recording(path, config.playback_mode, config.ground_truth)
+    recording = open_mcap_recording(
+        path, config.playback_mode, config.ground_truth, config.wheel_messages
+    )
     return stack.enter_context(closing(recording))
 
 
@@ -319,6 +333,7 @@ def run_replay(
     outputs: Sequence[Output],
     stop: StopSignal,
     loop_closure: LoopClosure = NullLoopClosure(),  # noqa: B008 (it has no state)
+    wheel_odometry: WheelOdometrySource = NullWheelOdometry(),  # noqa: B008 (the same)
 ) -> RunResult:
     """Run the service on a recording until the frames end or a stop is requested.
 
@@ -326,8 +341,11 @@ def run_replay(
         config: The configuration.
         outputs: Take updates and the status.
         loop_closure: Corrects the transform from map to odom.
+        wheel_odometry: The motion of the base by its wheels.
     """
-    service = _build_replay_service(config, camera, frame_source, outputs, loop_closure)
+    service = _build_replay_service(
+        config, camera, frame_source, outputs, loop_closure, wheel_odometry
+    )
     release_memory()  # all kernels are loaded
     service.run(stop.event)
     return RunResult(service.statistics, stop.exit_code)
@@ -339,9 +357,12 @@ def _build_replay_service(
     frame_source: FrameSource,
     outputs: Sequence[Output],
     loop_closure: LoopClosure,
+    wheel_odometry: WheelOdometrySource,
 ) -> Service:
     timer = CpuStageTimer()
-    odom_frame = OdomFrame(config.T_base_camera.T_base_camera, config.base.planar)
+    odom_frame = OdomFrame(
+        config.T_base_camera.T_base_camera, config.base.planar, wheel_odometry
+    )
     odometry = loop_closure.wrap(config.odometry.make_odometry(timer))
     return Service(
         _make_input(config, camera, frame_source),
@@ -349,6 +370,7 @@ def _build_replay_service(
         odom_frame,
         Control(odom_frame, camera),
         outputs,
+        warning_sources=(wheel_odometry,),
         loop_closure=loop_closure,
     )
 

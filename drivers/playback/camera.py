@@ -2,7 +2,7 @@
 
 import logging
 import threading
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
 
@@ -21,7 +21,11 @@ from drivers.core.geometry import Trajectory
 from drivers.pacing import LockstepPacer, make_pacer
 from drivers.playback.frame_buffer import NOT_OPEN, BufferClosedError, FrameBuffer
 from drivers.playback.frame_reader import FrameReader
-from drivers.playback.recording_formats import open_recording, recording_format
+from drivers.playback.recording_formats import (
+    RecordingFormat,
+    open_recording,
+    recording_format,
+)
 from drivers.recording.image_decoding import UnreadableFrameError
 from drivers.recording.recorded_frames import FramePair
 from drivers.recording.recording import ImageTopics, Recording
@@ -139,6 +143,13 @@ class RecordingCamera(RgbdCamera):
     def ground_truth(self) -> Trajectory | None:
         """The true poses, if the recording has them; None before `open`."""
         return self._opened.ground_truth if self._opened else None
+
+    def recorded_odometry(self, topics: Collection[str]) -> Iterator[bytes]:
+        if recording_format(self._path) is not RecordingFormat.BAG:
+            return iter(())
+        from drivers.bag.odometry_messages import read_odometry_messages
+
+        return read_odometry_messages(self._path, topics)
 
 
 def playback_offsets_s(pairs: Sequence[FramePair]) -> list[float]:

@@ -12,7 +12,13 @@ from drivers.core.files import atomic_write
 from drivers.core.geometry import format_trajectory
 from drivers.core.write_errors import check_output_file
 from drivers.playback.camera import RecordingCamera
-from vo_service.app import OutputsConfig, open_frames, open_outputs, run_replay
+from vo_service.app import (
+    OutputsConfig,
+    make_wheel_odometry,
+    open_frames,
+    open_outputs,
+    run_replay,
+)
 from vo_service.cli.kernels import prepare_kernels
 from vo_service.cli.loop_closure import make_loop_closure, summarize_loop_closure
 from vo_service.cli.options import (
@@ -127,6 +133,7 @@ def run(request: ReplayRequest) -> int:
             prepare_kernels(config, terminal, stop)
             closes_loops = request.loop_closure or request.optimized_trajectory is not None
             loop_closure = make_loop_closure(config, terminal, stop) if closes_loops else None
+        wheel_odometry = make_wheel_odometry(config, camera)
         outputs_config = OutputsConfig(
             playback_mode=request.pace,
             zenoh=None if request.no_publish else config.zenoh,
@@ -139,6 +146,7 @@ def run(request: ReplayRequest) -> int:
             mcap=request.mcap,
             trajectory=request.trajectory,
             ground_truth=lambda: camera.ground_truth,
+            wheel_messages=wheel_odometry.open_journal().take,
             log_line=terminal.write_line,
         )
         progress = ProgressOutput(terminal, "replay", camera.frame_count)
@@ -151,6 +159,7 @@ def run(request: ReplayRequest) -> int:
                 [*opened.outputs, *own],
                 stop,
                 loop_closure or NullLoopClosure(),
+                wheel_odometry,
             )
         for output in own:
             output.close()

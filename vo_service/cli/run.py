@@ -51,7 +51,11 @@ from vo_service.outputs.progress import ProgressOutput
 from vo_service.outputs.state_log import StateLogOutput
 from vo_service.outputs.systemd import SystemdOutput
 from vo_service.outputs.zenoh.output import ConnectWithRetry
-from vo_service.outputs.zenoh.session_endpoints import ExtraEndpoints, make_command_endpoint
+from vo_service.outputs.zenoh.session_endpoints import (
+    CommandEndpoint,
+    ExtraEndpoints,
+    make_command_endpoint,
+)
 from vo_service.signals import (
     ReloadSignal,
     StopSignal,
@@ -62,6 +66,7 @@ from vo_service.signals import (
 )
 from vo_service.terminal import Terminal, set_log_level
 from vo_service.types.outputs import Output
+from vo_service.wheel_odometry.wheel_odometry import WheelOdometrySource
 
 logger = logging.getLogger(__name__)
 
@@ -154,13 +159,11 @@ def _serve(
     zenoh.try_init_log_from_env()  # type: ignore[no-untyped-call]
     command_queue = CommandQueue()
     commands = make_command_endpoint(config.commands, command_queue)
-    wheel_odometry = make_wheel_odometry(config)
-    endpoints = ExtraEndpoints(
-        commands, config.ros2, make_wheel_subscription(config, wheel_odometry)
-    )
+    wheel_odometry = make_wheel_odometry(config, camera)
     reloader = ConfigReloader(config, request.load)
+    outputs_config = _make_outputs_config(request, config, commands, wheel_odometry, terminal)
     with (
-        open_outputs(_make_outputs_config(request, config, endpoints, terminal)) as opened,
+        open_outputs(outputs_config) as opened,
         closing(open_sensor_memory(config, camera)) as sensor_memory,
         closing(SystemdOutput()) as systemd,
         closing(command_queue),
@@ -192,20 +195,27 @@ def _serve(
 
 
 def _make_outputs_config(
-    request: RunServiceRequest, config: Config, endpoints: ExtraEndpoints, terminal: Terminal
+    request: RunServiceRequest,
+    config: Config,
+    commands: CommandEndpoint,
+    wheel_odometry: WheelOdometrySource,
+    terminal: Terminal,
 ) -> OutputsConfig:
     return OutputsConfig(
         playback_mode=request.pace,
         zenoh=None if request.no_publish else config.zenoh,
         frames=partial(open_frames, config),
         connect_policy=ConnectWithRetry,
-        extra_endpoints=endpoints,
+        extra_endpoints=ExtraEndpoints(
+            commands, config.ros2, make_wheel_subscription(config, wheel_odometry)
+        ),
         recorder=partial(open_recorder, config),
         mapper=partial(open_mapper, config),
         rerun=config.rerun,
         extra=config.outputs.extra,
         mcap=request.mcap or config.outputs.mcap,
         trajectory=request.trajectory,
+        wheel_messages=wheel_odometry.open_journal().take,
         log_line=terminal.write_line,
     )
 

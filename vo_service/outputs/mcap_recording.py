@@ -3,9 +3,9 @@
 import logging
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -47,6 +47,8 @@ from vo_service.types.messages import (
 )
 from vo_service.types.odometry_update import OdometryUpdate
 from vo_service.types.outputs import GroundTruthSource, no_ground_truth
+from vo_service.wheel_odometry.recorded_wheels import RECORDED_TOPIC
+from vo_service.wheel_odometry.wheel_odometry import WheelMessage
 
 logger = logging.getLogger(__name__)
 McapRecorder = FrameRecorder[McapRecordingFile]
@@ -59,16 +61,37 @@ MAX_QUEUED = 8
 MIN_FILE_BYTES = 100_000_000
 PATH_COLOR_BGR = (40, 150, 255)
 CLOSE_TIMEOUT_S, LOCKSTEP_CLOSE_TIMEOUT_S = 2.0, 25.0
-# A status with the time at which the service gave it, CLOCK_MONOTONIC.
-Item = OdometryUpdate | tuple[Status, float]
+# Returns the messages of the wheels since its last call.
+WheelMessageSource = Callable[[], Sequence[WheelMessage]]
+
+
+@dataclass(frozen=True)
+class UpdateWithWheels:
+    """An update, and the messages of the wheels before it."""
+
+    update: OdometryUpdate
+    wheel_messages: Sequence[WheelMessage]
+
+
+# A status has the time at which the service gave it, CLOCK_MONOTONIC.
+Item = UpdateWithWheels | tuple[Status, float]
 
 
 def open_mcap_recording(
-    path: Path, playback_mode: PlaybackMode, ground_truth: GroundTruthSource = no_ground_truth
+    path: Path,
+    playback_mode: PlaybackMode,
+    ground_truth: GroundTruthSource = no_ground_truth,
+    wheel_messages: WheelMessageSource = tuple,
 ) -> "McapOutput":
     """Create the file. In realtime, an existing one is renamed to FILE-0001 and so on.
 
     In realtime, a disk that is full is a warning, and recording starts when there is space.
+
+    Args:
+        path: The file.
+        playback_mode: Lockstep or realtime.
+        ground_truth: See `McapOutput`.
+        wheel_messages: See `McapOutput`.
 
     Raises:
         InputError: No file can have this name, or it exists in lockstep.
@@ -77,9 +100,13 @@ def open_mcap_recording(
     check_suffix(path, [SUFFIX])
     if playback_mode is PlaybackMode.LOCKSTEP:
         create = partial(_create, path, RESERVED_BYTES)
-        return McapOutput(path, create, BlockingQueue(2), ground_truth, LOCKSTEP_CLOSE_TIMEOUT_S)
+        lockstep_queue: BoundedQueue[Item] = BlockingQueue(2)
+        return McapOutput(
+            path, create, lockstep_queue, ground_truth, wheel_messages, LOCKSTEP_CLOSE_TIMEOUT_S
+        )
     queue: BoundedQueue[Item] = DropOldestQueue(MAX_QUEUED)
-    return McapOutput(path, partial(_create_next, path), queue, ground_truth, can_retry=True)
+    create = partial(_create_next, path)
+    return McapOutput(path, create, queue, ground_truth, wheel_messages, can_retry=True)
 
 
 def _create_next(path: Path) -> McapRecorder:
@@ -106,6 +133,7 @@ class McapOutput(FileOutput[Item]):
         create: Creates it.
         queue: Frames for the thread; it blocks or drops if the disk is slow.
         ground_truth: Returns the ground truth; called after the first frame.
+        wheel_messages: Returns the messages of the wheels since its last call.
         close_timeout_s: Longest wait for the thread at the end.
         can_retry: Whether to create another file when the disk works again.
 
@@ -119,6 +147,7 @@ class McapOutput(FileOutput[Item]):
         create: Callable[[], McapRecorder],
         queue: BoundedQueue[Item],
         ground_truth: GroundTruthSource,
+        wheel_messages: WheelMessageSource = tuple,
         close_timeout_s: float = CLOSE_TIMEOUT_S,
         *,
         can_retry: bool = False,
@@ -126,6 +155,7 @@ class McapOutput(FileOutput[Item]):
         super().__init__(path, "recording", "frames", close_timeout_s)
         self._create, self._can_retry = create, can_retry
         self._ground_truth = ground_truth
+        self._wheel_messages = wheel_messages
         self._recorder: McapRecorder | None = None
         # The last published stamp, and the time on CLOCK_MONOTONIC when it came.
         self._last_stamp_s: tuple[float, float] | None = None
@@ -142,8 +172,8 @@ class McapOutput(FileOutput[Item]):
         self._start("mcap", queue)
 
     def on_update(self, update: OdometryUpdate) -> None:
-        """Queue a frame and its pose."""
-        self._worker.put(update)
+        """Queue a frame, its pose, and the messages of the wheels until then."""
+        self._worker.put(UpdateWithWheels(update, self._wheel_messages()))
 
     def on_status(self, status: Status) -> None:
         """Queue a status."""
@@ -154,8 +184,8 @@ class McapOutput(FileOutput[Item]):
             return
         try:
             recorder = self._recorder or self._begin_next()
-            if isinstance(item, OdometryUpdate):
-                self._write_update(recorder, item)
+            if isinstance(item, UpdateWithWheels):
+                self._write_update(recorder, item.update, item.wheel_messages)
             elif self._last_stamp_s is not None:  # else there is no time for it
                 self._write_status(recorder, *item, *self._last_stamp_s)
         except UserFacingError as error:
@@ -168,8 +198,14 @@ class McapOutput(FileOutput[Item]):
         logger.info("%s: recording again", self._path)
         return self._recorder
 
-    def _write_update(self, recorder: McapRecorder, update: OdometryUpdate) -> None:
+    def _write_update(
+        self,
+        recorder: McapRecorder,
+        update: OdometryUpdate,
+        wheel_messages: Sequence[WheelMessage],
+    ) -> None:
         messages = [
+            *map(_wheels, wheel_messages),
             _string("/vo/state", update.stamp_s, pose_attachment(update)),
             _string(f"{NAMESPACE}/timing", update.stamp_s, timing_payload(update)),
             _encoded("/vo/odom", ODOMETRY_SCHEMA, update.stamp_s, pose_payload(update, FRAME_IDS)),
@@ -246,6 +282,10 @@ class McapOutput(FileOutput[Item]):
         with suppress(UserFacingError):
             if recorder is not None:
                 recorder.close()
+
+
+def _wheels(message: WheelMessage) -> EncodedMessage:
+    return _encoded(RECORDED_TOPIC, ODOMETRY_SCHEMA, message.stamp_s, message.payload)
 
 
 def _transforms(topic: str, transforms: list[TransformMessage]) -> EncodedMessage:

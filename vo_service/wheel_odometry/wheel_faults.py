@@ -83,9 +83,9 @@ class ArrivalFault:
 
     def _silence(self, silent_s: float, *, has_messages: bool) -> str:
         if has_messages:
-            return f"the stamps on {self._source} stand still; restart the driver of the wheels"
+            return f"the stamps on {self._source} stand still"
         if self._newest_s is None:
-            return f"no message on {self._source}; start the driver of the wheels"
+            return f"no message on {self._source}"
         return f"no message on {self._source} for {silent_s:.1f} s"
 
     def _check_age(self, now_s: float, age_s: float) -> None:

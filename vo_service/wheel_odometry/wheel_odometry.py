@@ -2,6 +2,7 @@
 
 import math
 import threading
+from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +21,8 @@ from vo_service.wheel_odometry.wheel_reading import PLANAR_AXES, parse_wheel_rea
 FRAME_S = 1 / 30
 TRANSLATION_FLOOR_M, ROTATION_FLOOR_RAD = 0.0005, 0.001
 VERTICAL_SIGMA_M, TILT_SIGMA_RAD = 0.002, math.radians(0.2)
+# Messages that a recording may be late by.
+MAX_JOURNAL = 1000
 # Standard deviation of the motion to the side, relative to that of the motion ahead.
 LATERAL_SHARE = 0.4
 
@@ -37,10 +40,42 @@ class WheelMotion:
     sigmas: Array
 
 
+@dataclass(frozen=True)
+class WheelMessage:
+    """A message that was received.
+
+    Attributes:
+        stamp_s: Stamp of its pose.
+        payload: CDR ``nav_msgs/msg/Odometry``.
+    """
+
+    stamp_s: float
+    payload: bytes
+
+
+class MessageJournal:
+    """The messages since they were last taken, the newest `MAX_JOURNAL` of them. Thread-safe."""
+
+    def __init__(self) -> None:
+        self._messages: deque[WheelMessage] = deque(maxlen=MAX_JOURNAL)
+
+    def add(self, message: WheelMessage) -> None:
+        """Add a message."""
+        self._messages.append(message)
+
+    def take(self) -> list[WheelMessage]:
+        """Take all messages, the oldest first."""
+        return [self._messages.popleft() for _ in range(len(self._messages))]
+
+
 class NullWheelOdometry:
     """No wheels: no motion is known."""
 
     warning = ""
+
+    def open_journal(self) -> MessageJournal:
+        """Return a journal that stays empty."""
+        return MessageJournal()
 
     def motion_between(self, from_s: float, to_s: float) -> WheelMotion | None:
         """Return None."""
@@ -73,6 +108,7 @@ class WheelOdometry:
         self._lock = threading.Lock()
         self._history = PoseHistory(config.max_age_s)
         self._slip = SlipDetector()
+        self._journals: list[MessageJournal] = []
         self._messages = 0
         self._arrival = ArrivalFault(source, config.max_age_s)
         self._unreadable, self._jump, self._slipping = TimedFault(), TimedFault(), TimedFault()
@@ -85,21 +121,26 @@ class WheelOdometry:
         with self._lock:
             return self._warning()
 
-    @property
-    def newest_s(self) -> float | None:
-        """Stamp of the newest pose; None without one."""
+    def open_journal(self) -> "MessageJournal":
+        """Open a journal of the messages from now on, for a recording."""
+        journal = MessageJournal()
         with self._lock:
-            return self._history.newest_s
+            self._journals.append(journal)
+        return journal
 
-    def add_message(self, payload: BytesLike) -> None:
-        """Add a message of the driver, CDR ``nav_msgs/msg/Odometry``. Does not block."""
+    def add_message(self, payload: bytes) -> float | None:
+        """Add a message of the driver, CDR ``nav_msgs/msg/Odometry``. Does not block.
+
+        Returns:
+            Its stamp; None if it is not used.
+        """
         try:
             reading = parse_wheel_reading(payload)
         except ValueError as error:
             with self._lock:
                 self._messages += 1
                 self._unreadable.set(f"a message on {self._source} is not used: {error}")
-            return
+            return None
         with self._lock:
             self._messages += 1
             self._transform_fault = ""
@@ -112,6 +153,9 @@ class WheelOdometry:
                 )
             if fault := self._history.add(reading):
                 self._jump.set(f"{fault}; wheel odometry restarts there")
+            for journal in self._journals:
+                journal.add(WheelMessage(reading.stamp_s, payload))
+        return reading.stamp_s
 
     def motion_between(self, from_s: float, to_s: float) -> WheelMotion | None:
         """Return the base's motion between two frames. Call it at each frame: faults need its time.

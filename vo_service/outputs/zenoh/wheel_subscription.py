@@ -27,7 +27,7 @@ class WheelSubscription:
     """
 
     keys: tuple[str, ...]
-    on_message: Callable[[bytes], None]
+    on_message: Callable[[bytes], object]
 
     def declare(self, session: zenoh.Session) -> list[threading.Thread]:
         """Subscribe on a new session; return the threads."""

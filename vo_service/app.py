@@ -360,9 +360,7 @@ def _build_replay_service(
     wheel_odometry: WheelOdometrySource,
 ) -> Service:
     timer = CpuStageTimer()
-    odom_frame = OdomFrame(
-        config.T_base_camera.T_base_camera, config.base.planar, wheel_odometry
-    )
+    odom_frame = OdomFrame(config.T_base_camera.T_base_camera, config.base.planar, wheel_odometry)
     odometry = loop_closure.wrap(config.odometry.make_odometry(timer))
     return Service(
         _make_input(config, camera, frame_source),

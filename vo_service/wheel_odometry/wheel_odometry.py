@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from drivers.core.geometry import Array
-from drivers.ros_messages.cdr import BytesLike
 from vo_service.config_tables import WheelOdometryConfig
 from vo_service.wheel_odometry.planar_pose import planar_part
 from vo_service.wheel_odometry.pose_history import PoseHistory, WheelState

@@ -49,6 +49,8 @@ def parse_wheel_reading(payload: BytesLike) -> WheelReading:
     twist = PlanarTwist(*(float(message.twist[axis]) for axis in PLANAR_AXES))
     if not all(map(math.isfinite, (*pose, *twist))):
         raise ValueError("its pose or twist has a number that is not finite")
+    if message.stamp_s < 0.0:
+        raise ValueError(f"its stamp is {message.stamp_s:g} s, before 1970")
     if pose.distance_m > MAX_POSITION_M:
         raise ValueError(f"its position is {pose.distance_m:g} m away: positions are in meters")
     return WheelReading(

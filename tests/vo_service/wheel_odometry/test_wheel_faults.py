@@ -60,6 +60,12 @@ def test_a_message_that_is_no_pose_is_not_used(payload: bytes, cause: str) -> No
     assert wheels.warning == ""
 
 
+def test_a_negative_stamp_is_no_time() -> None:
+    wheels = wheel_odometry()
+    wheels.add_message(wheel_message(-0.5, PlanarPose(0, 0, 0), CURVE))
+    assert "its stamp is -0.5 s, before 1970" in wheels.warning
+
+
 def test_an_infinite_twist_is_no_pose() -> None:
     wheels = wheel_odometry()
     numbers = np.zeros(49)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 from drivers.camera import Clock, PlaybackMode, RgbdCamera
 from drivers.core import CameraError, UserFacingError
 from drivers.core.memory import release_memory
+from drivers.recording.odometry import OdometryRecord
 from drivers.registry import make_reconnecting
 from vo_service.config import Config, ConfigChanges
 from vo_service.config_tables import CommandConfig, RerunConfig, ZenohConfig
@@ -57,7 +58,6 @@ from vo_service.types.outputs import (
 from vo_service.wheel_odometry.recorded_wheels import RecordedWheelOdometry, recorded_topics
 from vo_service.wheel_odometry.wheel_odometry import (
     NullWheelOdometry,
-    WheelMessage,
     WheelOdometry,
     WheelOdometrySource,
 )
@@ -114,7 +114,7 @@ class OutputsConfig:
     mcap: Path | None = None
     trajectory: Path | None = None
     ground_truth: GroundTruthSource = no_ground_truth
-    wheel_messages: Callable[[], Sequence[WheelMessage]] = tuple
+    wheel_messages: Callable[[], Sequence[OdometryRecord]] = tuple
     log_line: Callable[[str], None] = logger.info
 
 

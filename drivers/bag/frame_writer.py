@@ -12,6 +12,7 @@ from drivers.core.bounded_trajectory import SampledPath
 from drivers.core.geometry import Array, Vector, inverse
 from drivers.recording.image_decoding import JPEG_START, BgrImage, DepthImage, decode_depth
 from drivers.recording.image_encoding import ColorFormat, encode_image
+from drivers.recording.odometry import ODOMETRY_TOPIC
 from drivers.recording.recording_sink import RecordingSink, StoredFrame
 from drivers.ros_messages import navigation, sensors
 from drivers.ros_messages.cdr import STRING_SCHEMA, encode_string
@@ -119,6 +120,9 @@ class FrameWriter(RecordingSink):
         acceleration = np.array(acceleration_m_s2)
         message = sensors.ImuMessage(_checked(stamp), self._camera_frame, acceleration)
         self._write(IMU_TOPIC, sensors.IMU_SCHEMA, stamp, sensors.encode_imu(message))
+
+    def write_odometry(self, stamp: Decimal, message: bytes) -> None:
+        self._write(ODOMETRY_TOPIC, navigation.ODOMETRY_SCHEMA, _checked(stamp), message)
 
     def write_true_pose(self, stamp: Decimal, T_world_camera: Array) -> None:
         """Write a true pose of the camera, and the path to it. Raises OSError."""

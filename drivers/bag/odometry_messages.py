@@ -7,8 +7,7 @@ from rosbags.convert.converter import migrate_message
 
 from drivers.bag.bag_file import BagFile, Message, open_bag_file, ros1_typestore, ros2_typestore
 from drivers.bag.bag_storage import BagStorage
-
-ODOMETRY = "nav_msgs/msg/Odometry"
+from drivers.ros_messages.navigation import ODOMETRY_SCHEMA
 
 
 def read_odometry_messages(path: Path, topics: Collection[str]) -> Iterator[bytes]:
@@ -24,7 +23,7 @@ def read_odometry_messages(path: Path, topics: Collection[str]) -> Iterator[byte
         InputError: The file is damaged.
     """
     with open_bag_file(BagStorage(path)) as bag:
-        present = [topic for topic in topics if bag.types.get(topic) == ODOMETRY]
+        present = [topic for topic in topics if bag.types.get(topic) == ODOMETRY_SCHEMA]
         if not present:
             return
         encode = _cdr_encoder(bag)
@@ -39,7 +38,9 @@ def _cdr_encoder(bag: BagFile) -> Callable[[Message], bytes]:
     ros1, ros2 = ros1_typestore(), ros2_typestore()
 
     def translate(message: Message) -> bytes:
-        decoded = migrate_message(ros1, ros2, ODOMETRY, ODOMETRY, {}, bag.decode(message))
-        return bytes(ros2.serialize_cdr(decoded, ODOMETRY))
+        decoded = migrate_message(
+            ros1, ros2, ODOMETRY_SCHEMA, ODOMETRY_SCHEMA, {}, bag.decode(message)
+        )
+        return bytes(ros2.serialize_cdr(decoded, ODOMETRY_SCHEMA))
 
     return translate

@@ -22,8 +22,8 @@ from drivers.pacing import LockstepPacer, make_pacer
 from drivers.playback.frame_buffer import NOT_OPEN, BufferClosedError, FrameBuffer
 from drivers.playback.frame_reader import FrameReader
 from drivers.playback.recording_formats import (
-    RecordingFormat,
     open_recording,
+    read_recorded_odometry,
     recording_format,
 )
 from drivers.recording.image_decoding import UnreadableFrameError
@@ -145,11 +145,7 @@ class RecordingCamera(RgbdCamera):
         return self._opened.ground_truth if self._opened else None
 
     def recorded_odometry(self, topics: Collection[str]) -> Iterator[bytes]:
-        if recording_format(self._path) is not RecordingFormat.BAG:
-            return iter(())
-        from drivers.bag.odometry_messages import read_odometry_messages
-
-        return read_odometry_messages(self._path, topics)
+        return read_recorded_odometry(self._path, topics)
 
 
 def playback_offsets_s(pairs: Sequence[FramePair]) -> list[float]:

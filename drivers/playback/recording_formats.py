@@ -1,6 +1,7 @@
 """The formats of recordings, and how a recording is opened."""
 
 import logging
+from collections.abc import Collection, Iterator
 from contextlib import suppress
 from enum import StrEnum
 from pathlib import Path
@@ -9,6 +10,7 @@ from drivers.core import InputError
 from drivers.layouts import open_folder
 from drivers.recording.bag_names import is_bag_file
 from drivers.recording.recording import ImageTopics, Recording
+from drivers.tum.odometry import read_odometry
 
 _log = logging.getLogger(__name__)
 
@@ -73,3 +75,21 @@ def check_bag_packages(path: Path) -> None:
             f"{path}: MCAP files and ROS bags need the package {error.name}; "
             "run: pip install 'kinect-vo[bags]'"
         ) from error
+
+
+def read_recorded_odometry(path: Path, topics: Collection[str]) -> Iterator[bytes]:
+    """Yield the messages of a base's odometry, CDR ``nav_msgs/msg/Odometry``, as recorded.
+
+    Args:
+        path: A recording, see `open_recording`.
+        topics: Topics of a bag; a folder has one file.
+
+    Raises:
+        InputError: The recording is damaged; while iterating.
+    """
+    if recording_format(path) is RecordingFormat.TUM:
+        return read_odometry(path)
+    check_bag_packages(path)
+    from drivers.bag.odometry_messages import read_odometry_messages
+
+    return read_odometry_messages(path, topics)

@@ -3,7 +3,7 @@
 import logging
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from decimal import Decimal
 from functools import partial
@@ -19,6 +19,7 @@ from drivers.core.geometry import Trajectory
 from drivers.core.write_errors import WriteError, check_disk_space
 from drivers.recording.frame_encoding import EARLIEST_STAMPS, FrameStamps, calibration_of_frame
 from drivers.recording.image_encoding import ColorFormat, encode_image
+from drivers.recording.odometry import OdometryRecord
 from drivers.recording.recording_sink import RecordingFile, RecordingSink, StoredFrame
 
 _log = logging.getLogger(__name__)
@@ -69,12 +70,18 @@ class FrameRecorder(Generic[FileT]):
         """Number of frames in the file."""
         return self.file.written
 
-    def write(self, frame: RgbdFrame, write_others: Callable[[], None] = lambda: None) -> None:
+    def write(
+        self,
+        frame: RgbdFrame,
+        write_others: Callable[[], None] = lambda: None,
+        odometry: Sequence[OdometryRecord] = (),
+    ) -> None:
         """Add a frame; it may reach the disk a few frames later.
 
         Args:
             frame: The frame.
             write_others: Writes what else belongs to it, before it.
+            odometry: Messages of the base's odometry since the frame before.
 
         Raises:
             WriteError: Writing fails; earlier frames remain.
@@ -89,7 +96,7 @@ class FrameRecorder(Generic[FileT]):
         self._check_camera(calibration_of_frame(frame))
         self._last_stamps = stamps
         images = self._encoders.submit(self._encode, frame)
-        self._submit(partial(self._write_frame, frame, stamps, images, write_others))
+        self._submit(partial(self._write_frame, frame, stamps, images, write_others, odometry))
 
     def write_besides(self, write: Callable[[], None]) -> None:
         """Call a function that writes what belongs to no frame. Raises as `write`."""
@@ -184,12 +191,15 @@ class FrameRecorder(Generic[FileT]):
         stamps: FrameStamps,
         images: Future[_Images],
         write_others: Callable[[], None],
+        odometry: Sequence[OdometryRecord],
     ) -> None:
         if self._sink is None:
             start = min(stamps.color, stamps.depth)
             self._sink = self.file.begin(calibration_of_frame(frame), start)
         self._write_true_poses(self._sink, float(max(stamps.color, stamps.depth)))
         write_others()
+        for record in odometry:
+            self._sink.write_odometry(Decimal(repr(record.stamp_s)), record.message)
         for reading in self._new_readings.take(frame.accelerometer):
             stamp = Decimal(repr(float(reading.stamp_s)))
             self._sink.write_reading(stamp, reading.acceleration_m_s2)

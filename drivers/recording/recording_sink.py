@@ -55,6 +55,10 @@ class RecordingSink(ABC):
         """Write the gravity of a frame, in camera axes."""
 
     @abstractmethod
+    def write_odometry(self, stamp: Decimal, message: bytes) -> None:
+        """Write a message of the base's odometry, CDR ``nav_msgs/msg/Odometry``."""
+
+    @abstractmethod
     def write_true_pose(self, stamp: Decimal, T_world_camera: Array) -> None:
         """Write a true pose (4x4) of the camera."""
 

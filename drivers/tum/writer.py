@@ -16,6 +16,7 @@ from drivers.recording.image_decoding import JPEG_START, BgrImage, DepthImage
 from drivers.recording.image_encoding import ColorFormat, encode_image
 from drivers.recording.recording_sink import RecordingFile, RecordingSink, StoredFrame
 from drivers.tum.accelerometer import AccelerometerWriter
+from drivers.tum.odometry import OdometryWriter
 
 INDEX_FILES = {
     "rgb.txt": "timestamp filename",
@@ -60,6 +61,7 @@ class TumFolder(RecordingFile, RecordingSink):
         self._has_failed = False
         self._index_files: list[AppendOnlyFile] = []
         self._accelerometer = AccelerometerWriter(folder)
+        self._odometry = OdometryWriter(folder)
         self._is_new_folder = not folder.exists()
         with creating(folder):
             folder.parent.mkdir(parents=True, exist_ok=True)
@@ -98,6 +100,9 @@ class TumFolder(RecordingFile, RecordingSink):
     def write_gravity(self, stamp: Decimal, gravity_m_s2: Vector) -> None:
         self._accelerometer.add(format_stamp(stamp), gravity_m_s2)
 
+    def write_odometry(self, stamp: Decimal, message: bytes) -> None:
+        self._odometry.add(format_stamp(stamp), message)
+
     def write_true_pose(self, stamp: Decimal, T_world_camera: Array) -> None:
         """Do nothing: the pose is in the folder already."""
 
@@ -114,6 +119,7 @@ class TumFolder(RecordingFile, RecordingSink):
     def close(self) -> None:
         """Close the files; after a failure before the first frame, remove them."""
         self._accelerometer.close()
+        self._odometry.close()
         is_ours = all(file.is_in_place for file in self._index_files)
         while self._index_files:
             self._index_files.pop().close()

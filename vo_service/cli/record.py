@@ -2,14 +2,15 @@
 
 import math
 import time
-from collections.abc import Iterable, Iterator
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from itertools import chain, takewhile
 from pathlib import Path
 
 from drivers.camera import (
     CameraState,
+    Clock,
     EndOfStream,
     FrameTimeout,
     PlaybackMode,
@@ -22,6 +23,7 @@ from drivers.playback.recording_formats import check_bag_packages
 from drivers.recording.bag_names import is_bag_file
 from drivers.recording.frame_recorder import FrameRecorder
 from drivers.recording.image_encoding import ColorFormat
+from drivers.recording.odometry import OdometryRecord
 from drivers.recording.recording_sink import RecordingFile
 from drivers.registry import open_camera
 from drivers.synthetic.config import SyntheticConfig
@@ -39,6 +41,7 @@ from vo_service.frame_source import make_publish_clock
 from vo_service.signals import StopSignal, stop_on_signals
 from vo_service.terminal import Terminal
 from vo_service.tools.convert import OutputFormat, choose_format
+from vo_service.wheel_odometry.wheel_odometry import MessageJournal
 
 EPILOG = """\
 examples:
@@ -55,6 +58,9 @@ complete. PNG is lossless, so a replay gives the same trajectory as the camera d
 FILE.mcap opens in Rerun, with color, depth and points. Its color images are JPEG, which is lossy,
 unless --raw is given. After a crash it can be replayed up to the last second. For a file with poses
 and the path, use `kinect-vo run --mcap FILE` or `kinect-vo replay RECORDING --mcap FILE`.
+
+If wheel_odometry.enabled is true in the configuration, the odometry of a robot's wheels is recorded
+too, as its driver sends it over Zenoh.
 
 Only one program can read a Kinect. While the service does, record by it: `kinect-vo run --mcap
 FILE`, or `kinect-vo command start-recording name=NAME` without a restart.
@@ -103,7 +109,7 @@ def run(request: RecordRequest) -> int:
         synthetic=_play_once(config.synthetic, request.seconds),
         topics=request.topics,
     )
-    with camera, stop_on_signals() as stop:
+    with _receive_wheels(config, camera) as wheels, camera, stop_on_signals() as stop:
         frames = _read_frames(camera, terminal, stop)
         first = next(frames, None)  # before the folder is created: there may be no camera
         written = 0
@@ -114,7 +120,7 @@ def run(request: RecordRequest) -> int:
             )
             file = _create_file(request, config, camera.ground_truth)
             writer = FrameRecorder(file, camera.ground_truth)
-            written = _write_frames(writer, recorded, camera.frame_count, terminal)
+            written = _write_frames(writer, recorded, camera.frame_count, wheels.take, terminal)
     terminal.clear()
     print(
         f"{written} frames in {request.output}"
@@ -128,14 +134,38 @@ def _write_frames(
     writer: FrameRecorder[RecordingFile],
     frames: Iterable[RgbdFrame],
     frame_count: int | None,
+    take_odometry: Callable[[], Sequence[OdometryRecord]],
     terminal: Terminal,
 ) -> int:
     """Write the frames, close the writer, and return their number."""
     with writer:
         for frame in frames:
-            writer.write(frame)
+            writer.write(frame, odometry=take_odometry())
             terminal.progress("recording: frame", frame.seq + 1, frame_count)
     return writer.written
+
+
+@contextmanager
+def _receive_wheels(config: Config, camera: RgbdCamera) -> Iterator[MessageJournal]:
+    """Receive the odometry of the wheels over Zenoh, for a live camera, if it is enabled.
+
+    Raises:
+        UserFacingError: The Zenoh session cannot be opened.
+    """
+    journal = MessageJournal()
+    if not config.wheel_odometry.enabled or camera.clock is Clock.RECORDED:
+        yield journal
+        return
+    # Without wheels, a recording needs no Zenoh.
+    from vo_service.app import make_wheel_odometry, make_wheel_subscription
+    from vo_service.outputs.zenoh.session import open_session
+
+    wheel_odometry = make_wheel_odometry(config, camera)
+    with open_session(config.zenoh) as session:
+        threads = make_wheel_subscription(config, wheel_odometry)(session)
+        yield wheel_odometry.open_journal()
+    for thread in threads:
+        thread.join()
 
 
 def _check_output(request: RecordRequest) -> None:

@@ -22,6 +22,7 @@ from drivers.core.geometry import Array, Trajectory, inverse
 from drivers.core.queues import BlockingQueue, BoundedQueue, DropOldestQueue
 from drivers.core.write_errors import WriteError, check_disk_space, creating, is_disk_full
 from drivers.recording.frame_recorder import FrameRecorder
+from drivers.recording.odometry import OdometryRecord
 from drivers.ros_messages.cdr import STRING_SCHEMA, encode_string
 from drivers.ros_messages.navigation import (
     ODOMETRY_SCHEMA,
@@ -47,8 +48,6 @@ from vo_service.types.messages import (
 )
 from vo_service.types.odometry_update import OdometryUpdate
 from vo_service.types.outputs import GroundTruthSource, no_ground_truth
-from vo_service.wheel_odometry.recorded_wheels import RECORDED_TOPIC
-from vo_service.wheel_odometry.wheel_odometry import WheelMessage
 
 logger = logging.getLogger(__name__)
 McapRecorder = FrameRecorder[McapRecordingFile]
@@ -62,7 +61,7 @@ MIN_FILE_BYTES = 100_000_000
 PATH_COLOR_BGR = (40, 150, 255)
 CLOSE_TIMEOUT_S, LOCKSTEP_CLOSE_TIMEOUT_S = 2.0, 25.0
 # Returns the messages of the wheels since its last call.
-WheelMessageSource = Callable[[], Sequence[WheelMessage]]
+WheelMessageSource = Callable[[], Sequence[OdometryRecord]]
 
 
 @dataclass(frozen=True)
@@ -70,7 +69,7 @@ class UpdateWithWheels:
     """An update, and the messages of the wheels before it."""
 
     update: OdometryUpdate
-    wheel_messages: Sequence[WheelMessage]
+    wheel_messages: Sequence[OdometryRecord]
 
 
 # A status has the time at which the service gave it, CLOCK_MONOTONIC.
@@ -202,10 +201,9 @@ class McapOutput(FileOutput[Item]):
         self,
         recorder: McapRecorder,
         update: OdometryUpdate,
-        wheel_messages: Sequence[WheelMessage],
+        wheel_messages: Sequence[OdometryRecord],
     ) -> None:
         messages = [
-            *map(_wheels, wheel_messages),
             _string("/vo/state", update.stamp_s, pose_attachment(update)),
             _string(f"{NAMESPACE}/timing", update.stamp_s, timing_payload(update)),
             _encoded("/vo/odom", ODOMETRY_SCHEMA, update.stamp_s, pose_payload(update, FRAME_IDS)),
@@ -220,7 +218,8 @@ class McapOutput(FileOutput[Item]):
             messages += self._path_messages(update)
         self._last_stamp_s = update.stamp_s, time.monotonic()
         write_messages = partial(recorder.file.write_messages, messages)
-        recorder.write(update.frame.restamped(update.stamp_s), write_messages)
+        frame = update.frame.restamped(update.stamp_s)
+        recorder.write(frame, write_messages, wheel_messages)
 
     def _path_messages(self, update: OdometryUpdate) -> list[EncodedMessage]:
         """Make the path to the pose, if it is due."""
@@ -282,10 +281,6 @@ class McapOutput(FileOutput[Item]):
         with suppress(UserFacingError):
             if recorder is not None:
                 recorder.close()
-
-
-def _wheels(message: WheelMessage) -> EncodedMessage:
-    return _encoded(RECORDED_TOPIC, ODOMETRY_SCHEMA, message.stamp_s, message.payload)
 
 
 def _transforms(topic: str, transforms: list[TransformMessage]) -> EncodedMessage:

@@ -18,13 +18,15 @@ from drivers.core.files import check_suffix
 from drivers.core.geometry import T_BODY_CAMERA, Trajectory, Vector
 from drivers.core.write_errors import WriteError
 from drivers.playback.frame_reader import FrameReader
-from drivers.playback.recording_formats import check_bag_packages
+from drivers.playback.recording_formats import check_bag_packages, read_recorded_odometry
 from drivers.recording.accelerometer import AccelerometerSeries
 from drivers.recording.frame_encoding import FrameStamps, calibration_of_frame
 from drivers.recording.image_decoding import UnreadableFrameError
+from drivers.recording.odometry import ODOMETRY_TOPIC
 from drivers.recording.recorded_frames import FramePair
 from drivers.recording.recording import BagTopicsInUse, Recording
 from drivers.recording.recording_sink import RecordingSink, StoredFrame
+from drivers.ros_messages.decoding import decode_odometry
 from drivers.tum.writer import TumFolder
 
 if TYPE_CHECKING:  # its packages are optional
@@ -179,6 +181,7 @@ def _series(recording: Recording, sink: RecordingSink) -> Iterator[_Event]:
         _readings(recording.accelerometer, sink),
         _gravity(recording.gravity, sink),
         _true_poses(recording.ground_truth, sink),
+        _odometry(recording, sink),
         key=lambda event: event[0],
     )
 
@@ -191,6 +194,18 @@ def _readings(series: AccelerometerSeries, sink: RecordingSink) -> Iterator[_Eve
 def _gravity(series: AccelerometerSeries | None, sink: RecordingSink) -> Iterator[_Event]:
     for stamp, (x, y, z) in () if series is None else _rows(series):
         yield stamp, partial(sink.write_gravity, stamp, (-x, -y, -z))
+
+
+def _odometry(recording: Recording, sink: RecordingSink) -> Iterator[_Event]:
+    for message in read_recorded_odometry(recording.path, (ODOMETRY_TOPIC,)):
+        try:
+            stamp = Decimal(repr(float(decode_odometry(message).stamp_s)))
+        except ValueError as error:
+            _log.warning(
+                "%s: a message of %s is left out: %s", recording.path, ODOMETRY_TOPIC, error
+            )
+            continue
+        yield stamp, partial(sink.write_odometry, stamp, message)
 
 
 def _rows(series: AccelerometerSeries) -> Iterator[tuple[Decimal, Vector]]:
@@ -274,7 +289,8 @@ def _name_left_out(recording: Recording, folder: Path) -> None:
 
     storage = BagStorage(recording.path)
     with open_bag_file(storage) as source:
-        others = set(source.types) - recording.topics.frames - recording.topics.series
+        topics = recording.topics
+        others = set(source.types) - topics.frames - topics.series - {ODOMETRY_TOPIC}
     _log_left_out(recording.path, others, "a folder has no place for them")
 
 

@@ -5,19 +5,16 @@ import math
 from collections.abc import Callable, Iterator
 
 from drivers.core import UserFacingError
+from drivers.recording.odometry import ODOMETRY_TOPIC
 from vo_service.config_tables import WheelOdometryConfig
 from vo_service.wheel_odometry.wheel_odometry import WheelMotion, WheelOdometry
 
 logger = logging.getLogger(__name__)
 
 
-# The topic of recordings by this program.
-RECORDED_TOPIC = "/wheel_odom"
-
-
 def recorded_topics(config: WheelOdometryConfig) -> tuple[str, ...]:
     """Return the topics to read from a recording."""
-    return (RECORDED_TOPIC,) if config.topic is None else (RECORDED_TOPIC, f"/{config.topic}")
+    return (ODOMETRY_TOPIC,) if config.topic is None else (ODOMETRY_TOPIC, f"/{config.topic}")
 
 
 class RecordedWheelOdometry(WheelOdometry):

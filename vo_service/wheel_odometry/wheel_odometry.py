@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from drivers.core.geometry import Array
+from drivers.recording.odometry import OdometryRecord
 from vo_service.config_tables import WheelOdometryConfig
 from vo_service.wheel_odometry.planar_pose import planar_part
 from vo_service.wheel_odometry.pose_history import PoseHistory, WheelState
@@ -39,30 +40,17 @@ class WheelMotion:
     sigmas: Array
 
 
-@dataclass(frozen=True)
-class WheelMessage:
-    """A message that was received.
-
-    Attributes:
-        stamp_s: Stamp of its pose.
-        payload: CDR ``nav_msgs/msg/Odometry``.
-    """
-
-    stamp_s: float
-    payload: bytes
-
-
 class MessageJournal:
     """The messages since they were last taken, the newest `MAX_JOURNAL` of them. Thread-safe."""
 
     def __init__(self) -> None:
-        self._messages: deque[WheelMessage] = deque(maxlen=MAX_JOURNAL)
+        self._messages: deque[OdometryRecord] = deque(maxlen=MAX_JOURNAL)
 
-    def add(self, message: WheelMessage) -> None:
+    def add(self, message: OdometryRecord) -> None:
         """Add a message."""
         self._messages.append(message)
 
-    def take(self) -> list[WheelMessage]:
+    def take(self) -> list[OdometryRecord]:
         """Take all messages, the oldest first."""
         return [self._messages.popleft() for _ in range(len(self._messages))]
 
@@ -153,7 +141,7 @@ class WheelOdometry:
             if fault := self._history.add(reading):
                 self._jump.set(f"{fault}; wheel odometry restarts there")
             for journal in self._journals:
-                journal.add(WheelMessage(reading.stamp_s, payload))
+                journal.add(OdometryRecord(reading.stamp_s, payload))
         return reading.stamp_s
 
     def motion_between(self, from_s: float, to_s: float) -> WheelMotion | None:

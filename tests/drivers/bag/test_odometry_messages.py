@@ -58,5 +58,5 @@ def test_a_damaged_file_is_an_input_error(tmp_path: Path) -> None:
         list(read_odometry_messages(path, ["/wheel_odom"]))
 
 
-def test_a_folder_has_no_messages(recording: Path) -> None:
+def test_a_folder_without_wheels_has_no_messages(recording: Path) -> None:
     assert list(RecordingCamera(recording).recorded_odometry(["/wheel_odom"])) == []

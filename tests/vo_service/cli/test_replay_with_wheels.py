@@ -8,15 +8,16 @@ import pytest
 
 from drivers.bag.bag_writer import EncodedMessage
 from drivers.bag.mcap_recording_file import McapRecordingFile
-from drivers.bag.odometry_messages import ODOMETRY, read_odometry_messages
+from drivers.bag.odometry_messages import read_odometry_messages
 from drivers.core.geometry import read_trajectory
 from drivers.playback.camera import RecordingCamera
 from drivers.recording.frame_recorder import FrameRecorder
+from drivers.recording.odometry import ODOMETRY_TOPIC
+from drivers.ros_messages.navigation import ODOMETRY_SCHEMA
 from tests.conftest import FRAMES
 from tests.vo_service.cli.cli_runner import run_in_process
 from tests.vo_service.wheel_odometry.wheel_driver import wheel_message
 from vo_service.wheel_odometry.planar_pose import PlanarTwist
-from vo_service.wheel_odometry.recorded_wheels import RECORDED_TOPIC
 
 # The camera of the recording moves otherwise: where wheels are used, poses are others. As it also
 # sees that, the wheels count as slipping.
@@ -44,8 +45,8 @@ def messages(frame_s: float) -> list[EncodedMessage]:
     stamps_s = (frame_s, frame_s + 0.02)
     return [
         EncodedMessage(
-            RECORDED_TOPIC,
-            ODOMETRY,
+            ODOMETRY_TOPIC,
+            ODOMETRY_SCHEMA,
             round(stamp_s * 1e9),
             wheel_message(stamp_s, DRIVE.motion(stamp_s), DRIVE),
         )
@@ -89,6 +90,6 @@ def test_the_messages_are_kept_and_replayed_with_the_same_result(
     drive: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     replay(capfd, drive, "one")
-    kept = list(read_odometry_messages(drive.parent / "one.mcap", [RECORDED_TOPIC]))
-    assert kept == list(read_odometry_messages(drive, [RECORDED_TOPIC]))[: len(kept)]
+    kept = list(read_odometry_messages(drive.parent / "one.mcap", [ODOMETRY_TOPIC]))
+    assert kept == list(read_odometry_messages(drive, [ODOMETRY_TOPIC]))[: len(kept)]
     assert len(kept) >= 20

@@ -17,6 +17,7 @@ from drivers.core import InputError, UserFacingError, write_errors
 from drivers.core.geometry import T_BODY_CAMERA, Trajectory, rigid_transform
 from drivers.playback.camera import RecordingCamera
 from drivers.playback.recording_formats import open_recording
+from drivers.recording.odometry import OdometryRecord
 from tests.full_disk import limit_file_size
 from tests.vo_service.wheel_odometry.wheel_driver import CURVE, pose_at, wheel_message
 from tests.waiting import wait_until
@@ -24,7 +25,6 @@ from vo_service.outputs.mcap_recording import open_mcap_recording
 from vo_service.tools.convert import OutputFormat, convert
 from vo_service.types.messages import Status
 from vo_service.types.odometry_update import OdometryUpdate, TrackingState
-from vo_service.wheel_odometry.wheel_odometry import WheelMessage
 
 MakeUpdate = Callable[..., OdometryUpdate]
 LOCKSTEP, REALTIME = PlaybackMode.LOCKSTEP, PlaybackMode.REALTIME
@@ -132,9 +132,9 @@ def test_the_messages_of_the_wheels_are_recorded_and_played_again(
     updates = [make_update(seq) for seq in range(3)]
     stamps_s = [update.stamp_s + 0.01 * k for update in updates for k in range(3)]
     payloads = [wheel_message(stamp_s, pose_at(stamp_s), CURVE) for stamp_s in stamps_s]
-    waiting = [WheelMessage(*each) for each in zip(stamps_s, payloads, strict=True)]
+    waiting = [OdometryRecord(*each) for each in zip(stamps_s, payloads, strict=True)]
 
-    def take() -> list[WheelMessage]:
+    def take() -> list[OdometryRecord]:
         return [waiting.pop(0) for _ in range(3)]
 
     record(tmp_path / "a.mcap", updates, wheel_messages=take)
@@ -143,7 +143,8 @@ def test_the_messages_of_the_wheels_are_recorded_and_played_again(
     assert list(camera.recorded_odometry(["/wheel_odom"])) == payloads
     for source, copy, kind in (
         ("a.mcap", "a.bag", OutputFormat.ROS1),
-        ("a.bag", "b.mcap", OutputFormat.MCAP),
+        ("a.bag", "folder", OutputFormat.FOLDER),
+        ("folder", "b.mcap", OutputFormat.MCAP),
     ):
         convert(open_recording(tmp_path / source), tmp_path / copy, kind, lambda _: None)
     assert list(RecordingCamera(tmp_path / "b.mcap").recorded_odometry(["/wheel_odom"])) == payloads

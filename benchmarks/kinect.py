@@ -46,9 +46,10 @@ from drivers.freenect.bindings import (
     load_library,
 )
 from drivers.freenect.camera import FreenectCamera, make_kinect_camera
-from drivers.freenect.sources import KinectSource, list_kinects
+from drivers.freenect.sources import KinectSource
 from drivers.kinect_usb.kinect_motor_unit import KinectMotorUnit
 from drivers.kinect_usb.motor_unit import MotorUnit
+from drivers.kinect_usb.usb_devices import find_kinect
 from drivers.subprocess_camera.camera import SubprocessCamera
 from tests.resource_leaks import child_pids_of
 from tests.simulators.fakenect_dump import write_fakenect_dump
@@ -99,7 +100,7 @@ def measure_bare_loop(seconds: float) -> float:
     context, device = ctypes.c_void_p(), ctypes.c_void_p()
     library.freenect_init(ctypes.byref(context), None)
     library.freenect_select_subdevices(context, CAMERA_ONLY)
-    (serial,) = list_kinects()
+    serial = find_kinect("").read_serial()
     library.freenect_open_device_by_camera_serial(context, ctypes.byref(device), serial.encode())
     registered = library.freenect_find_depth_mode(RESOLUTION_640X480, DepthFormat.REGISTERED_MM)
     library.freenect_set_depth_mode(device, registered)

@@ -18,7 +18,7 @@ the first pose. "median", "largest" (mm) and "deg" are its errors in the old map
 
 import argparse
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -34,7 +34,7 @@ from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import Array, inverse, pose_distance, transform_points
 from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.frame_provider import render_all
-from drivers.synthetic.sensors import ImageSource, RenderedImages
+from drivers.synthetic.sensors import RenderedImages
 from vo_service.odometry.warm_up import warm_up
 from vo_service.terminal import Terminal
 from vo_service.tools.evaluation.metrics import GROSS_ERROR_DEG, GROSS_ERROR_M
@@ -65,7 +65,7 @@ class TourSequence:
     """A rendered tour: its frames, and its true poses T_room_camera (N, 4, 4)."""
 
     config: SyntheticConfig
-    images: ImageSource
+    images: Callable[[int], RenderedImages]
     T_room_camera: Array
 
     @classmethod

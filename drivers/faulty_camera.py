@@ -57,11 +57,6 @@ class FaultyCamera(CameraWrapper):
 
     A frame that is dropped counts as skipped. To be unplugged is up to the camera itself, which
     knows where it is when it comes back.
-
-    Args:
-        camera: The camera.
-        faults: Its faults.
-        seed: Seed of the noise.
     """
 
     def __init__(self, camera: RgbdCamera, faults: tuple[Fault, ...], seed: int) -> None:

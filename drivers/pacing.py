@@ -26,7 +26,6 @@ class Pacer(ABC):
     """Decides which frame is delivered next, and when. Frames are numbered from 0.
 
     Attributes:
-        host: The host's clock.
         start_s: When frame 0 was captured, s on the host's clock; infinity before `start`.
     """
 
@@ -93,8 +92,6 @@ class RealtimePacer(Pacer):
 
     Args:
         offset_s: Returns when a frame is due, s after the start; it never falls.
-        count: Number of frames.
-        host: The host's clock.
     """
 
     def __init__(
@@ -138,10 +135,7 @@ def make_pacer(
     """Make the pacer of a playback mode.
 
     Args:
-        playback_mode: Lockstep or real time.
         offset_s: Returns when a frame is due, s after the start; it never falls.
-        count: Number of frames.
-        host: The host's clock.
     """
     if playback_mode is PlaybackMode.LOCKSTEP:
         return LockstepPacer(host)

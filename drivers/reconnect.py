@@ -38,12 +38,9 @@ class ReconnectingCamera(CameraWrapper):
     by `read`.
 
     Args:
-        camera: The camera.
-        status: Its status so far.
         first_frame_s: Longest time from its `open` to the first frame.
         backoff: Delays between two attempts to open it.
         on_phase: Called before each call that may take long, and when the camera delivers.
-        now_s: The clock, s.
 
     Attributes:
         loss: Why the camera is lost; None while it is not.

@@ -43,7 +43,6 @@ class Undistorter:
     """Converts a camera's images to those of the pinhole camera with the same intrinsics.
 
     Args:
-        camera: The camera.
         distortion: k1 k2 p1 p2 k3; all zeros return images unchanged.
     """
 
@@ -85,8 +84,6 @@ class SoftwareRegistration:
     it covers.
 
     Args:
-        color: The undistorted color camera.
-        depth: The depth camera.
         depth_factor: The sensor's value per meter.
 
     Raises:
@@ -201,7 +198,6 @@ class SourceProperties:
     Attributes:
         name: The source in messages.
         camera: The color camera, for a source without a camera file.
-        camera_source: The origin of `camera`.
         depth_size: (width, height) of the depth images.
         depth_factor: Value of the depth images per meter.
         registration: Whether depth is registered, with what the camera file asks for set.

@@ -128,10 +128,7 @@ class NearestFramePairing(Generic[C, D]):
     those before the first color image, because the streams do not start at the same instant.
     """
 
-    def __init__(
-        self, max_skew_s: float = MAX_PAIR_SKEW_S, min_period_s: float = MIN_IMAGE_PERIOD_S
-    ) -> None:
-        self._max_skew_s = max_skew_s
+    def __init__(self, min_period_s: float = MIN_IMAGE_PERIOD_S) -> None:
         self._half_min_period_s = min_period_s / 2
         self._colors: deque[tuple[float, C]] = deque()
         self._depths: deque[tuple[float, D]] = deque()
@@ -173,7 +170,7 @@ class NearestFramePairing(Generic[C, D]):
         depth_s, depth = self._depths.popleft()
         stamps_s = [self._last_discarded_s, *(stamp_s for stamp_s, _ in self._colors)]
         nearest = min(range(len(stamps_s)), key=lambda i: abs(stamps_s[i] - depth_s))
-        if nearest == 0 or abs(stamps_s[nearest] - depth_s) > self._max_skew_s:
+        if nearest == 0 or abs(stamps_s[nearest] - depth_s) > MAX_PAIR_SKEW_S:
             self._count_unpaired(depth_s)
             return []
         for _ in range(nearest):  # nothing older can be nearest to a later depth image

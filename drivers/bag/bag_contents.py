@@ -87,8 +87,6 @@ def find_topics(path: Path, bag: BagFile, named: ImageTopics | None) -> BagTopic
     """Choose the topics.
 
     Args:
-        path: The recording, for error messages.
-        bag: The open file.
         named: The topics of color and depth, if the user names them.
 
     Raises:
@@ -228,10 +226,7 @@ class BagContents:
     """What the pass has found.
 
     Attributes:
-        color: The color images.
-        depth: The depth images.
         infos: First CameraInfo by topic.
-        transforms: All transforms.
         accelerations: By topic: stamp in ns, frame and Imu message.
         gravity: Stamp in ns and message of each frame's gravity.
         poses: Stamp in ns and message of each true pose.

@@ -36,9 +36,7 @@ class Message:
     """One message, not decoded.
 
     Attributes:
-        topic: Its topic.
         log_ns: When it was recorded, ns.
-        data: The encoded message.
     """
 
     topic: str
@@ -70,12 +68,10 @@ class BagFile(ABC):
     ) -> None:
         self.path, self.types, self.definitions = path, types, definitions
         self.is_cut_off, self.unread = is_cut_off, unread
+        self._store = ros1_typestore() if self.is_ros1 else ros2_typestore()
 
     @abstractmethod
     def _messages(self, topics: Collection[str], start_ns: int) -> Iterator[Message]: ...
-
-    @abstractmethod
-    def _decode(self, data: bytes, message_type: str) -> Any: ...
 
     @abstractmethod
     def close(self) -> None:
@@ -98,9 +94,10 @@ class BagFile(ABC):
         Raises:
             InputError: The message does not have the layout of its type.
         """
-        message_type = self.types[message.topic]
+        message_type, store = self.types[message.topic], self._store
+        deserialize = store.deserialize_ros1 if self.is_ros1 else store.deserialize_cdr
         try:
-            return self._decode(message.data, message_type)
+            return deserialize(message.data, message_type)
         except DAMAGE_ERRORS as error:
             raise InputError(
                 f"{self.path}: a message of {message.topic} is no {message_type}"
@@ -172,10 +169,8 @@ def _decompress(data: bytes) -> bytes:
 class RosbagsFile(BagFile):
     """A file that rosbags reads."""
 
-    def __init__(
-        self, file: StorageFile, reader: Ros1Reader | Ros2Reader, store: Typestore
-    ) -> None:
-        self._reader, self._store = reader, store
+    def __init__(self, file: StorageFile, reader: Ros1Reader | Ros2Reader) -> None:
+        self._reader = reader
         reader.open()
         types = {each.topic: each.msgtype for each in reader.connections}
         definitions = {
@@ -200,10 +195,7 @@ class Ros1File(RosbagsFile):
 
     def __init__(self, file: StorageFile) -> None:
         self._bag = Ros1Reader(file.content)
-        super().__init__(file, self._bag, ros1_typestore())
-
-    def _decode(self, data: bytes, message_type: str) -> Any:
-        return self._store.deserialize_ros1(data, message_type)
+        super().__init__(file, self._bag)
 
     def close(self) -> None:
         if self._bag.bio is not None:
@@ -215,10 +207,7 @@ class SqliteFile(RosbagsFile):
 
     def __init__(self, file: StorageFile) -> None:
         self._bag = Ros2Reader(file.content)
-        super().__init__(file, self._bag, ros2_typestore())
-
-    def _decode(self, data: bytes, message_type: str) -> Any:
-        return self._store.deserialize_cdr(data, message_type)
+        super().__init__(file, self._bag)
 
     def close(self) -> None:
         if self._bag.is_open:
@@ -241,9 +230,6 @@ class SplitBagFile(BagFile):
         for part in self._parts:
             yield from part.messages(topics, start_ns)
 
-    def _decode(self, data: bytes, message_type: str) -> Any:
-        return self._parts[0]._decode(data, message_type)
-
     def close(self) -> None:
         for part in self._parts:
             part.close()
@@ -259,7 +245,6 @@ class McapFile(BagFile):
         except BaseException:
             self._file.close()
             raise
-        self._store = ros2_typestore()
         types = {topic: schema.name for topic, schema in schemas.items()}
         definitions = {
             topic: schema.data.decode(errors="replace")
@@ -308,9 +293,6 @@ class McapFile(BagFile):
             yield from reader.iter_messages(names, start_time=start_ns, log_time_order=False)
         except DAMAGE_ERRORS:
             return
-
-    def _decode(self, data: bytes, message_type: str) -> Any:
-        return self._store.deserialize_cdr(data, message_type)
 
     def close(self) -> None:
         self._file.close()

@@ -42,7 +42,6 @@ class BagStorage:
         path: A file, the folder of a bag, or several of them joined by commas.
 
     Attributes:
-        path: The same.
         files: The files in order of time.
 
     Raises:

@@ -54,10 +54,7 @@ class EncodedMessage:
     """An encoded message: in CDR, or as the file of its version of ROS stores it.
 
     Attributes:
-        topic: Its topic.
         message_type: Such as "nav_msgs/msg/Odometry".
-        log_ns: Its log time.
-        data: The encoded message.
     """
 
     topic: str
@@ -70,7 +67,6 @@ class BagWriter(ABC):
     """Writes messages of any topic; a topic is made with its first message.
 
     Attributes:
-        store: Types of the messages.
         is_ros1: Whether headers have a sequence number, as in ROS 1.
         is_for_viewers: Whether people look at the file in Rerun and Foxglove.
     """
@@ -91,13 +87,7 @@ class BagWriter(ABC):
         self.write_stored(message)
 
     def encode(self, topic: str, message_type: str, message: Any) -> bytes:
-        """Encode the next message of a topic as it is stored.
-
-        Args:
-            topic: The topic.
-            message_type: Its type, such as "nav_msgs/msg/Odometry".
-            message: The message.
-        """
+        """Encode the next message of a topic as it is stored."""
         return bytes(self.store.serialize_cdr(message, message_type))
 
     def write_stored(self, message: EncodedMessage) -> None:
@@ -111,13 +101,7 @@ class BagWriter(ABC):
         self._write(self._channels[message.topic], message.log_ns, message.data)
 
     def add_topic(self, topic: str, message_type: str, store: Typestore) -> None:
-        """Add a topic whose type is not defined by this object's `store`.
-
-        Args:
-            topic: The topic.
-            message_type: Its type, such as "nav_msgs/msg/Odometry".
-            store: Defines the type.
-        """
+        """Add a topic whose type is not defined by this object's `store`."""
         self._channels[topic] = self._add_channel(topic, message_type, store)
 
     @abstractmethod
@@ -243,9 +227,6 @@ class Ros1Writer(RosbagsWriter):
 
 class Ros2Writer(RosbagsWriter):
     """Writes a ROS 2 bag with SQLite into a new folder.
-
-    Args:
-        path: The folder.
 
     Raises:
         InputError: The path has characters that SQLite replaces.

@@ -48,9 +48,6 @@ class FrameWriter(RecordingSink):
     read back bit for bit.
 
     Args:
-        writer: Writes the messages.
-        calibration: The camera of all frames.
-        start: Stamp of the first message.
         camera_frame: The name of the color camera's frame.
         T_base_camera: 4x4 pose of the camera in the robot's base, for the transforms; None if
             others write them.

@@ -63,12 +63,7 @@ def number_messages(messages: Iterable[Message]) -> Iterator[tuple[MessageKey, M
 
 
 class MessageCursor:
-    """Reads messages by key. Opens the bag at the first read.
-
-    Args:
-        storage: The bag.
-        topics: The topics to read.
-    """
+    """Reads messages by key. Opens the bag at the first read."""
 
     def __init__(self, storage: BagStorage, topics: Collection[str]) -> None:
         self._storage, self._topics = storage, topics
@@ -169,8 +164,6 @@ class ImageMessage(RecordedImage):
     """An image of a bag.
 
     Attributes:
-        cursor: Reads the message.
-        key: Identity of the message.
         depth_factor: Value per meter of depth that the message has in meters.
     """
 
@@ -254,8 +247,6 @@ def depth_from_message(message: Any, name: str, depth_factor: float) -> DepthIma
     """Convert to (height, width) uint16, 0 = no reading.
 
     Args:
-        message: The message.
-        name: Its name in error messages.
         depth_factor: Value per meter of the result, if the message is in meters.
 
     Raises:

@@ -38,7 +38,6 @@ class McapRecordingFile(RecordingFile):
         T_base_camera: 4x4 pose of the camera in the robot's base; may be set until `begin`.
         is_base_estimated: Whether others write the transform to the base, see `FrameWriter`.
         is_raw: Write color as it is. Otherwise it is JPEG, which loses a little.
-        min_free_bytes: Left free on the disk.
 
     Raises:
         InputError: The file exists, or no file can have this name.

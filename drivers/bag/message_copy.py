@@ -23,10 +23,6 @@ class MessageCopier:
 
     Between files of one ROS version the encoded messages are copied as they are.
 
-    Args:
-        source: The file to read.
-        writer: Writes the copies.
-
     Attributes:
         left_out: Topics of which messages could not be copied.
     """

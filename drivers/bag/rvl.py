@@ -18,8 +18,6 @@ def decode_rvl(data: bytes, height: int, width: int) -> NDArray[np.uint16]:
 
     Args:
         data: The compressed image, without the header of ROS.
-        height: Rows.
-        width: Columns.
 
     Raises:
         ValueError: The data are incomplete or damaged.

@@ -77,9 +77,7 @@ class TypedField:
     """A field of a dataclass as its declaration describes it.
 
     Attributes:
-        name: Name of the field.
         kind: Type of the value, without ``| None``.
-        spec: Description and limits.
         default: Default value; `dataclasses.MISSING` without one.
         is_required: Whether there is neither a default nor a default factory.
     """
@@ -354,8 +352,6 @@ def parse_toml(text: str, name: str, kind: type[T], check: Callable[[T], None] =
     """Parse a TOML text as `read_toml` does; error messages start with `name`.
 
     Args:
-        text: The file's content.
-        name: Name of the file, for errors.
         check: Is called with the result; raises a FieldError for values that make no sense.
     """
     try:

@@ -47,9 +47,6 @@ class BoundedQueue(ABC, Generic[T]):
     def get(self, timeout_s: float | None = None) -> T:
         """Wait for the oldest item.
 
-        Args:
-            timeout_s: Longest wait, s; None: without limit.
-
         Raises:
             TimeoutError: There was no item within `timeout_s`.
             Exception: The queue is empty and has ended: `QueueClosed`, or as given to `finish`.
@@ -63,11 +60,7 @@ class BoundedQueue(ABC, Generic[T]):
             return self._items.popleft()
 
     def finish(self, end: Exception) -> None:
-        """Accept no more items. After those in the queue, `get` raises `end`, the first one given.
-
-        Args:
-            end: Why there are no more items.
-        """
+        """Accept no more items. After those in the queue, `get` raises the first `end` given."""
         with self._changed:
             self._end = self._end or end
             self._changed.notify_all()

@@ -50,9 +50,7 @@ class FreenectCamera(RgbdCamera):
     `seq` counts the color images that the Kinect sent.
 
     Args:
-        source: The Kinect or the dump.
         camera_file: Camera file; None for the values of the factory, or the usual ones.
-        motor_unit: The Kinect's motor, LED and accelerometer.
         settings: Applied whenever the camera is opened.
         wait_for_device: Waits a number of seconds, or less if a device is plugged in.
 

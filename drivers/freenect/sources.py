@@ -6,7 +6,7 @@ import re
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
@@ -17,7 +17,7 @@ from drivers.camera import Clock, EndOfStream, PlaybackMode, SensorConfig
 from drivers.core import InputError, UserFacingError
 from drivers.core.input_files import open_input, read_input, read_input_text
 from drivers.core.queues import BlockingQueue, BoundedQueue, DropOldestQueue
-from drivers.freenect.bindings import PACKAGE, SONAME, DepthFormat, Flag, load_library
+from drivers.freenect.bindings import PACKAGE, DepthFormat, Flag, load_library
 from drivers.freenect.context import FreenectContext, FreenectDevice, ImagePair
 from drivers.freenect.errors import (
     NO_BANDWIDTH_LINE,
@@ -34,7 +34,6 @@ from drivers.freenect.factory_calibration import (
     all_depths_to_10_m,
     find_valid_depths_mm,
 )
-from drivers.freenect.log import LibfreenectLog
 from drivers.time_sync import MIN_IMAGE_PERIOD_S, HostClockSync
 
 
@@ -69,13 +68,13 @@ class KinectSource:
     timeouts = StreamTimeouts(first_image_s=2.0, next_image_s=1.0)
     min_period_s = MIN_IMAGE_PERIOD_S
 
-    def __init__(self, serial: str, settings: SensorConfig, library: str = SONAME) -> None:
+    def __init__(self, serial: str, settings: SensorConfig) -> None:
         self.name = f"freenect:{serial}" if serial else "freenect"
-        self._serial, self._settings, self._library = serial, settings, library
+        self._serial, self._settings = serial, settings
 
     def load(self) -> ctypes.CDLL:
         """Load the library. Raises UserFacingError without it."""
-        return load_library(self._library)
+        return load_library()
 
     @contextmanager
     def open(self, context: FreenectContext) -> Iterator[FreenectDevice]:
@@ -125,20 +124,6 @@ def find_serial(context: FreenectContext, serial: str) -> str:
     return serial or serials[0]
 
 
-def list_kinects(library: str = SONAME) -> list[str]:
-    """Return the serial numbers of the Kinects that can be opened.
-
-    Raises:
-        UserFacingError: libfreenect is not installed.
-        CameraError: There are Kinects, but this user may open none of them.
-    """
-    with closing(FreenectContext(load_library(library), LibfreenectLog())) as context:
-        serials = context.list_serials()
-        if not serials and context.device_count() > 0:
-            raise no_permission_error()
-        return serials
-
-
 PATH_VARIABLE = "FAKENECT_PATH"
 SYSTEM_LIBRARY_FOLDER = Path("/usr/lib")
 LIBRARY_PATTERN = "fakenect/libfreenect.so.0.5"
@@ -149,30 +134,22 @@ class FakenectSource:
 
     fakenect plays at the times in the file names. In lockstep it also waits for the reader.
     It ends the whole process if the dump is invalid, so the dump is checked first.
-
-    Args:
-        folder: The folder of the dump.
-        playback_mode: Lockstep or realtime.
-        library: File of fakenect; None for the system's.
     """
 
     clock = Clock.RECORDED
     timeouts = StreamTimeouts(first_image_s=inf, next_image_s=inf)
     min_period_s = 0.0
 
-    def __init__(
-        self, folder: Path, playback_mode: PlaybackMode, library: Path | None = None
-    ) -> None:
-
+    def __init__(self, folder: Path, playback_mode: PlaybackMode) -> None:
         self.name = f"fakenect:{folder}"
-        self._folder, self._playback_mode, self._library = folder, playback_mode, library
+        self._folder, self._playback_mode = folder, playback_mode
 
     def load(self) -> ctypes.CDLL:
         """Check the dump and load a copy of fakenect, which can play only once per library."""
         check_dump_folder(self._folder)
         os.environ[PATH_VARIABLE] = str(self._folder.resolve())
         with tempfile.TemporaryDirectory() as folder:
-            copy = shutil.copy(self._library or _find_system_library(), folder)
+            copy = shutil.copy(_find_system_library(), folder)
             return load_library(str(copy))
 
     @contextmanager

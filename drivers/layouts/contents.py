@@ -26,7 +26,6 @@ class FolderContents:
     """The frames of a folder, and everything that the layout says or leaves open.
 
     Attributes:
-        frames: The frames, not read yet.
         camera: The camera that holds without a camera file.
         depth_camera: The depth camera, if depth is not registered to color.
         ground_truth: True poses of the color camera; None without.
@@ -79,7 +78,6 @@ def pair_numbered(
     """Pair images by their number, in its order, at 30 Hz.
 
     Args:
-        folder: The folder, for the message.
         color: Files of color by their number, at least one.
 
     Raises:
@@ -145,8 +143,6 @@ def make_camera(K: Array, size: tuple[int, int], depth_factor: float) -> CameraC
 
     Args:
         K: (4, 4) or (3, 3) intrinsics.
-        size: (width, height).
-        depth_factor: Depth image value of one meter.
     """
     fx, fy, cx, cy = (float(K[at]) for at in ((0, 0), (1, 1), (0, 2), (1, 2)))
     return CameraCalibration(*size, fx, fy, cx, cy, (0.0,) * 5, depth_factor)

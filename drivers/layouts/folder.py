@@ -27,7 +27,6 @@ class Layout:
     """A layout: how it is recognized, and how it is read.
 
     Attributes:
-        name: The benchmark's name.
         is_match: Whether a folder has this layout, complete or not.
         read: Reads it. Raises InputError, which says what is missing.
     """

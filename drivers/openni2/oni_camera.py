@@ -225,8 +225,3 @@ class OniCamera(RgbdCamera):
     def frame_count(self) -> int | None:
         """The number of pairs of color and depth; None before `open`."""
         return len(self._playback.index.pairs) if self._playback else None
-
-    @property
-    def unpaired(self) -> int | None:
-        """The number of images without a partner within 20 ms; None before `open`."""
-        return self._playback.index.unpaired if self._playback else None

@@ -58,11 +58,6 @@ class OniIndex:
     images: list[IndexedImage]
     pairs: list[tuple[int, int]]
 
-    @property
-    def unpaired(self) -> int:
-        """The number of images without a partner within 20 ms."""
-        return len(self.images) - 2 * len(self.pairs)
-
     def stamp_s(self, position: int) -> float:
         """Return the stamp of one image in seconds."""
         return self.images[position].stamp_us / 1e6

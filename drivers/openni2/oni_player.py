@@ -33,9 +33,6 @@ IMAGE_TIMEOUT_S = 2.0
 class OniPlayer:
     """Plays a file whose index has been read.
 
-    Args:
-        mirror: Whether to mirror the images.
-
     Raises:
         InputError: If libOpenNI2 rejects the file.
     """

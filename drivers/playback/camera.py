@@ -43,7 +43,6 @@ class RecordingCamera(RgbdCamera):
     Args:
         path: The recording, see `open_recording`.
         camera_file: Camera file; None to find one, see `find_calibration`.
-        playback_mode: Lockstep or realtime.
         topics: See `open_recording`.
     """
 
@@ -126,11 +125,6 @@ class RecordingCamera(RgbdCamera):
     def frame_count(self) -> int | None:
         """The number of pairs; None before `open`."""
         return len(self._pairs) if self._opened else None
-
-    @property
-    def unpaired(self) -> int | None:
-        """The number of images without a partner within 20 ms; None before `open`."""
-        return self._opened.frames.unpaired if self._opened else None
 
     @property
     def recording(self) -> Recording:

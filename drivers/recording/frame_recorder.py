@@ -42,7 +42,6 @@ class FrameRecorder(Generic[FileT]):
     removed.
 
     Args:
-        file: Where to write.
         ground_truth: Written up to each frame; may be set until the first one.
 
     Attributes:
@@ -79,7 +78,6 @@ class FrameRecorder(Generic[FileT]):
         """Add a frame; it may reach the disk a few frames later.
 
         Args:
-            frame: The frame.
             write_others: Writes what else belongs to it, before it.
             odometry: Messages of the base's odometry since the frame before.
 

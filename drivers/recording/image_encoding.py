@@ -23,7 +23,6 @@ def encode_image(image: NDArray[Any], kind: ColorFormat, options: Sequence[int] 
 
     Args:
         image: (H, W) or, in BGR order, (H, W, 3).
-        kind: The format.
         options: Settings of OpenCV, such as (IMWRITE_JPEG_QUALITY, 80).
     """
     is_encoded, data = cv2.imencode(f".{kind}", image, options)

@@ -39,9 +39,7 @@ class Recording:
     """A checked recording that can be replayed.
 
     Attributes:
-        path: The folder or file.
         frames: The frames, not read yet.
-        calibration: The camera.
         ground_truth: True poses of the color camera; None without.
         accelerometer: Readings of the accelerometer.
         gravity: Smoothed gravity with each frame, if it is recorded beside the readings.

@@ -67,7 +67,6 @@ class RecordingFile(ABC):
     """A new file or folder of one recording. It holds whole frames after a crash or a full disk.
 
     Attributes:
-        path: The file or folder.
         written: Number of frames that it holds.
         color_format: File format of the color images; None to store them raw.
         depth_format: File format of the depth images; None to store them raw.
@@ -87,7 +86,6 @@ class RecordingFile(ABC):
         """Write what belongs to the whole recording; raises OSError.
 
         Args:
-            calibration: The camera of all frames.
             start: Stamp of the first image, s.
         """
 

@@ -79,8 +79,6 @@ class TransformMessage:
 
     Attributes:
         stamp_s: Stamp of the transform, Unix seconds.
-        frame_id: Parent frame.
-        child_frame_id: Child frame.
         T_frame_child: 4x4, meters.
     """
 

@@ -78,7 +78,6 @@ class CompressedImageMessage:
         stamp_s: Time of the image, Unix seconds.
         frame_id: Frame of the camera, with optical axes.
         format: Encoding of the image and of the data, as ROS's image_transport writes it.
-        data: The compressed image.
     """
 
     stamp_s: StampSeconds
@@ -107,8 +106,6 @@ class CameraInfoMessage:
     Attributes:
         stamp_s: Time of the image, Unix seconds.
         frame_id: Frame of the camera, with optical axes.
-        width: Columns of the image.
-        height: Rows of the image.
         K: 3x3 intrinsics, pixels; the center of the first pixel is (0, 0).
         distortion: k1 k2 p1 p2 k3.
     """
@@ -150,7 +147,6 @@ class PointCloudMessage:
 
     Attributes:
         stamp_s: Time of the points, Unix seconds.
-        frame_id: Frame of the points.
         xyz_m: (N, 3) float32.
         bgr: (N, 3) uint8; None for points without color.
     """
@@ -196,7 +192,6 @@ class ImuMessage:
 
     Attributes:
         stamp_s: Time of the measurement, Unix seconds.
-        frame_id: Frame of the axes.
         acceleration_m_s2: (3,) specific force: at rest it points up (REP 145).
     """
 

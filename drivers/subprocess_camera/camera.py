@@ -32,8 +32,6 @@ from drivers.subprocess_camera.messages import (
     CameraWorkerConfig,
     CameraWorkerMessage,
     DeviceRequest,
-    SetLed,
-    SetTilt,
     Timeouts,
 )
 from drivers.subprocess_camera.sequencing import make_sequencer
@@ -64,11 +62,8 @@ class SubprocessCamera(RgbdCamera):
     them, and a request that comes too early is stored instead of refused.
 
     Args:
-        name: Name for messages.
         clock: Clock of the stamps; monotonic for a live camera.
         factory: Makes the camera in the worker process; a module's class or function, or a partial.
-        playback_mode: Lockstep or realtime.
-        timeouts: Time limits of the worker process.
     """
 
     def __init__(
@@ -86,8 +81,8 @@ class SubprocessCamera(RgbdCamera):
         self._sequencer = make_sequencer(clock, playback_mode)
         self._delivered = self._skipped = 0
         self._client: WorkerClient | None = None
-        # The last request of each type, for every new process.
-        self._requests: dict[type[DeviceRequest], DeviceRequest] = {}
+        # The last request of each setter, for every new process.
+        self._requests: dict[str, DeviceRequest] = {}
         self._counted = CameraCounters(), CameraCounters()  # earlier processes, and this one
         self._reset()
 
@@ -159,13 +154,13 @@ class SubprocessCamera(RgbdCamera):
         """Request a tilt, see `RgbdCamera.set_tilt_deg`. A missing motor is logged later."""
         if not self.has_motor:
             super().set_tilt_deg(tilt_deg)
-        self._request(SetTilt(tilt_deg))
+        self._request(DeviceRequest("set_tilt_deg", tilt_deg))
 
     def set_led(self, led: Led) -> None:
         """Request a state of the LED, as `set_tilt_deg` does."""
         if not self.has_motor:
             super().set_led(led)
-        self._request(SetLed(led))
+        self._request(DeviceRequest("set_led", led))
 
     def _request(self, request: DeviceRequest) -> None:
         """Send a request; it is applied again whenever the camera is opened.
@@ -173,7 +168,7 @@ class SubprocessCamera(RgbdCamera):
         Raises:
             CameraError: The camera is not open now.
         """
-        self._requests[type(request)] = request
+        self._requests[request.setter] = request
         is_sent = self._client is not None and self._client.send(request)
         if not (is_sent and self._phase in _OPEN_PHASES):
             raise CameraError(

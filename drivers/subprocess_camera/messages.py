@@ -17,36 +17,15 @@ from drivers.subprocess_camera.frame_ring import FrameRingFds
 
 
 @dataclass(frozen=True)
-class SetTilt:
-    """Tilt the head, see `RgbdCamera.set_tilt_deg`."""
+class DeviceRequest:
+    """A call of `RgbdCamera.set_tilt_deg` or `set_led`."""
 
-    tilt_deg: float
-
-    def apply(self, camera: RgbdCamera) -> None:
-        """Apply the request.
-
-        Raises:
-            CameraError: If that is not possible now.
-        """
-        camera.set_tilt_deg(self.tilt_deg)
-
-
-@dataclass(frozen=True)
-class SetLed:
-    """Set the LED, see `RgbdCamera.set_led`."""
-
-    led: Led
+    setter: str
+    value: float | Led
 
     def apply(self, camera: RgbdCamera) -> None:
-        """Apply the request.
-
-        Raises:
-            CameraError: If that is not possible now.
-        """
-        camera.set_led(self.led)
-
-
-DeviceRequest = SetTilt | SetLed
+        """Apply the request. Raises CameraError if that is not possible now."""
+        getattr(camera, self.setter)(self.value)
 
 
 @dataclass(frozen=True)
@@ -91,10 +70,8 @@ class CameraWorkerConfig:
     """What the worker is to do.
 
     Attributes:
-        factory: Makes the camera.
         playback_mode: Whether the worker waits for a late reader.
         is_live: Whether a lost camera is opened again; the loss of a recording is an error.
-        timeouts: Time limits.
         ring_fds: File descriptors of the ring of frames.
         status: The status of the camera so far.
         requests: The requests to the camera so far.

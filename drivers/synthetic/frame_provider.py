@@ -38,7 +38,6 @@ class FrameProvider:
     frames are missing. A live reader (`rate_hz` above 0) gets the frames that are rendered in time.
 
     Args:
-        config: The configuration.
         folder: Where frames are stored.
         rate_hz: Frame rate of a live reader; 0 in lockstep.
         threads: Rendering threads; 0 for one per core.

@@ -95,13 +95,7 @@ def random_wood(rng: np.random.Generator, board_m: float = 0.0) -> TexturePainte
 
 
 def table(rng: np.random.Generator, wide_m: float, deep_m: float, high_m: float) -> Solids:
-    """A table with papers and small objects on it.
-
-    Args:
-        wide_m: Width along x, m.
-        deep_m: Depth along y, m.
-        high_m: Height of the top, m.
-    """
+    """A table with papers and small objects on it."""
     timber = random_wood(rng, rng.choice((0.0, 0.14)))
     papers = [(random_print(rng), rng.uniform(0.12, 0.3)) for _ in range(int(6 * wide_m * deep_m))]
     top = (timber, timber, timber, timber, timber, collage(timber, papers, 3.1))
@@ -134,7 +128,6 @@ def lamp(rng: np.random.Generator, x: float, y: float, z: float, high_m: float) 
 
     Args:
         x, y, z: Foot of the pole, m, in axes of the group.
-        high_m: Height of the lamp, m.
     """
     metal, shade = plaster(random_color(rng, 0.2)), fabric(random_color(rng), random_color(rng))
     wide = 0.18 + 0.1 * high_m

@@ -212,11 +212,7 @@ def _is_occluded(
 
 @kernel
 def rotate(M: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Multiply M (3, 3) by (x, y, z).
-
-    Args:
-        M: (3, 3) matrix.
-    """
+    """Multiply M (3, 3) by (x, y, z)."""
     return (
         M[0, 0] * x + M[0, 1] * y + M[0, 2] * z,
         M[1, 0] * x + M[1, 1] * y + M[1, 2] * z,

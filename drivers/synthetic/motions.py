@@ -148,9 +148,7 @@ class RecordedMotion(CameraMotion):
         """Read and place a track file.
 
         Args:
-            file: Trajectory in TUM format.
             config: Start in the track, duration and loop.
-            room_height_m: Height of the room, m.
 
         Raises:
             InputError: If it is broken or too short.

@@ -256,12 +256,6 @@ def cast_ray(
 
     Args:
         x, y: Ray on the plane z = 1, camera axes.
-        v: Row of the pixel.
-        u: Column of the pixel.
-        kind: As in `cast_rays`.
-        frames: As in `cast_rays`.
-        candidates: As in `cast_rays`.
-        near_m: As in `cast_rays`.
     """
     best, solid = FAR_M, -1
     i, j = v // TILE, u // TILE

@@ -242,10 +242,7 @@ class RenderJob:
     """What to render and where to store it; the first message to the renderer.
 
     Attributes:
-        config: What is rendered.
-        files: Where the frames are stored.
         rate_hz: As for `RenderSchedule`.
-        threads: Rendering threads.
         wake_fd: An eventfd that is written to after each frame.
     """
 

@@ -37,7 +37,6 @@ def make_aliased_corners(
 
     Args:
         half_m: Half of the room's size (2,).
-        height_m: The room's height.
 
     Yields:
         A solid of the corner at +x +y and its copy at -x -y.

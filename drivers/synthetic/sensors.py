@@ -1,7 +1,6 @@
 """The sensors: from light to an 8-bit image, and from true depth to structured-light readings."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -34,16 +33,8 @@ class RenderedImages:
     depth_raw: Depth
 
 
-ImageSource = Callable[[int], RenderedImages]
-
-
 def gain_at(sensor: ColorSensorModel, time_s: float, duration_s: float) -> float:
-    """Compute the exposure gain at a time; it has whole periods in `duration_s` for looping.
-
-    Args:
-        time_s: Time from the first frame, s.
-        duration_s: Length of the sequence, s.
-    """
+    """Compute the exposure gain at a time; it has whole periods in `duration_s` for looping."""
     total = 0.0
     for part, frequency, phase in GAIN_WAVES:
         periods = max(1.0, round(frequency * duration_s))
@@ -172,7 +163,6 @@ def measure_depth(depth_m: Floats, sensor: DepthSensorModel, rng: np.random.Gene
 
     Args:
         depth_m: True depth (H, W).
-        sensor: The sensor's parameters.
 
     Returns:
         Measured depth (H, W) in meters, 0 = no reading.

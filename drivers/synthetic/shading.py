@@ -183,14 +183,8 @@ def smooth_edges(
     Args:
         image: (H, W, 3) colors from `shade`; changed in place.
         surface: (H, W) numbers of the surfaces from `shade`.
-        rays: As in `shade`.
-        kind: As in `shade`.
-        frames: As in `shade`.
         candidates: Solids of each tile, see `RaycastScene`.
         near_m: (S,) smallest depth of each solid, m.
-        texels: As in `shade`.
-        levels: As in `shade`.
-        pixel: As in `shade`.
     """
     height, width = surface.shape
     for v in range(1, height - 1):

@@ -63,7 +63,6 @@ def make_solid(
         size_m: Its full size (3,).
         textures: One texture for all faces, or one for each.
         yaw_rad: Rotation about z.
-        kind: Its shape.
     """
     face_textures = textures if isinstance(textures, tuple) else (textures,) * FACES
     T = rigid_transform(so3_exp([0.0, 0.0, yaw_rad]), center_m)

@@ -22,8 +22,6 @@ def fractal_noise(
     """Noise (H, W) of about unit deviation, equal power in each octave: photographs' 1/f law.
 
     Args:
-        height: Rows, pixels.
-        width: Columns, pixels.
         coarsest_px: Size of the largest blobs, pixels.
         finest_px: Size of the smallest blobs, pixels.
     """
@@ -212,7 +210,6 @@ def collage(
     """Scatter `pieces` over a background.
 
     Args:
-        background: Texture below the pieces.
         pieces: A texture and its width in meters for each piece.
         turn_rad: Largest random rotation of a piece.
     """

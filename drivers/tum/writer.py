@@ -34,10 +34,8 @@ class TumFolder(RecordingFile, RecordingSink):
     Args:
         folder: Created; it must not exist or be empty.
         ground_truth: Written to groundtruth.txt at once; `write_true_pose` does nothing.
-        color_format: File format of raw color images.
         has_gravity: Whether the accelerometer's file gets the gravity of the frames, and not the
             readings.
-        min_free_bytes: Left free on the disk.
 
     Raises:
         InputError: No folder can have this name, or it is not empty.

@@ -33,10 +33,6 @@ class WorkerProcess:
 
     The output of native libraries is logged at level debug; the last line may explain a crash.
 
-    Args:
-        spec: What it runs, and its limits.
-        config: What it is to do.
-
     Raises:
         OSError: The process cannot be started.
     """

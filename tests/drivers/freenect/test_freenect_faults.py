@@ -8,7 +8,6 @@ from drivers.camera import CameraState, FrameTimeout, RgbdFrame
 from drivers.core import CameraError, CameraLostError, CameraNotFoundError
 from drivers.freenect.bindings import load_library
 from drivers.freenect.camera import FreenectCamera
-from drivers.freenect.sources import list_kinects
 from tests.drivers.freenect.conftest import MakeCamera
 from tests.resource_leaks import resources_in_use
 from tests.simulators.fixtures import FRAME_COUNT
@@ -174,14 +173,6 @@ def test_a_reason_that_prevents_opening_is_reported_until_it_is_gone(
     fault(kinect, False)
     with camera:
         camera.read(3.0)
-
-
-def test_a_kinect_without_permission_is_not_an_empty_list(kinect: KinectSimulator) -> None:
-    kinect.deny_access(True)
-    with pytest.raises(CameraError, match="replug"):
-        list_kinects()
-    kinect.unplug()
-    assert list_kinects() == []
 
 
 def test_the_kernel_driver_is_detached(kinect: KinectSimulator, make_camera: MakeCamera) -> None:

@@ -189,13 +189,6 @@ def read_small_depth(path: Path, depth: NDArray[np.uint16]) -> tuple[RgbdFrame, 
         return next(iter(camera)), camera.recording.summary
 
 
-def test_registered_depth_of_half_the_size_is_enlarged(tmp_path: Path) -> None:
-    depth = depth_mm(0)[::2, ::2]
-    frame, summary = read_small_depth(tmp_path / "a", depth)
-    np.testing.assert_array_equal(frame.depth_raw, depth.repeat(2, axis=0).repeat(2, axis=1))
-    assert "depth of 32x24 is enlarged to 64x48" in summary
-
-
 def test_enlarged_depth_is_not_shifted(tmp_path: Path) -> None:
     v, u = np.mgrid[:HEIGHT, :WIDTH]
     plane = 1000 + 10 * u + 20 * v

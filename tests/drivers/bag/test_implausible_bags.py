@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from drivers.calibration import DepthCameraCalibration, RigidTransform, format_calibration
-from drivers.core import InputError
 from drivers.plausibility import PlausibilityCheck
 from drivers.playback.camera import RecordingCamera
 from drivers.playback.recording_formats import open_recording
@@ -27,6 +26,7 @@ from tests.drivers.bag.test_bag import (
     DEPTH_TOPIC,
     INFO_TOPIC,
     KINDS,
+    complaint,
     make_bag,
     write_color,
 )
@@ -56,12 +56,6 @@ def make_own_depth_bag(path: Path, frame: str, focal_px: float) -> Path:
         bag.write(OWN_TOPIC, IMAGE, t, bag.maker.image(t, depth, "16UC1", frame))
 
     return make_bag(path, fill)
-
-
-def complaint(path: Path) -> str:
-    with pytest.raises(InputError) as caught:
-        open_recording(path)
-    return str(caught.value).replace(str(path), "BAG")
 
 
 def test_a_focal_length_in_millimeters_is_refused_with_its_topic(tmp_path: Path) -> None:

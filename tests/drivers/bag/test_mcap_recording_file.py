@@ -1,8 +1,5 @@
 """Recording into MCAP: its messages, and that it is whole after a crash or on a full disk."""
 
-import signal
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -17,17 +14,12 @@ from drivers.bag.mcap_recording_file import McapRecordingFile
 from drivers.camera import AccelerometerReading, RgbdFrame
 from drivers.core import UserFacingError, write_errors
 from drivers.core.geometry import Trajectory, rigid_transform
-from drivers.playback.camera import RecordingCamera
 from drivers.playback.recording_formats import open_recording
 from drivers.recording import frame_recorder
 from drivers.recording.frame_recorder import FrameRecorder
+from tests.drivers.tum.read_recording import read_recording
 
 FrameMaker = Callable[..., RgbdFrame]
-
-
-def replay(path: Path) -> list[RgbdFrame]:
-    with RecordingCamera(path) as camera:
-        return list(camera)
 
 
 def record(path: Path, frames: list[RgbdFrame], is_raw: bool = False) -> None:
@@ -43,7 +35,7 @@ def test_without_raw_only_color_loses_a_little(
 ) -> None:
     frame = make_frame(0, depth_factor=depth_factor)
     record(tmp_path / "a.mcap", [frame])
-    (ours,) = replay(tmp_path / "a.mcap")
+    (ours,) = read_recording(tmp_path / "a.mcap")
     np.testing.assert_array_equal(ours.depth_raw, frame.depth_raw)
     assert 0 < np.abs(ours.color_bgr.astype(int) - frame.color_bgr).mean() < 3
 
@@ -131,7 +123,7 @@ def test_each_reading_of_the_accelerometer_is_recorded_once_with_its_stamp(
     series = open_recording(tmp_path / "a.mcap").accelerometer
     np.testing.assert_allclose(series.stamps_s, [0.0, 0.1, 0.2])
     assert series.acceleration_m_s2[:, 0].tolist() == [0, 1, 2]
-    assert [frame.gravity_m_s2 for frame in replay(tmp_path / "a.mcap")] == [gravity] * 6
+    assert [frame.gravity_m_s2 for frame in read_recording(tmp_path / "a.mcap")] == [gravity] * 6
 
 
 def test_the_ground_truth_ends_after_the_last_frame(make_frame: FrameMaker, tmp_path: Path) -> None:
@@ -154,41 +146,5 @@ def test_a_disk_that_fills_leaves_a_whole_file(
         with FrameRecorder(McapRecordingFile(tmp_path / "a.mcap")) as recorder:
             for k in range(1000):
                 recorder.write(make_frame(k))
-    assert len(replay(tmp_path / "a.mcap")) == 6
+    assert len(read_recording(tmp_path / "a.mcap")) == 6
     assert "cut off" not in open_recording(tmp_path / "a.mcap").summary
-
-
-RECORD_FOR_EVER = """
-import sys
-from itertools import count
-from pathlib import Path
-import numpy as np
-from drivers.bag.mcap_recording_file import McapRecordingFile
-from drivers.recording.frame_recorder import FrameRecorder
-from drivers.camera import PinholeCamera, RgbdFrame
-
-noise = np.random.default_rng(0)
-camera = PinholeCamera(64, 48, 60.0, 60.0, 31.5, 23.5)
-recorder = FrameRecorder(McapRecordingFile(Path(sys.argv[1])))
-for k in count():
-    color = noise.integers(0, 256, (48, 64, 3), dtype=np.uint8)
-    depth = noise.integers(0, 65536, (48, 64), dtype=np.uint16)
-    recorder.write(RgbdFrame(k, 1000 + k / 30, 0.0, color, depth, 1000.0, camera))
-    print(recorder.written, flush=True)
-"""
-
-
-@pytest.mark.subprocess
-def test_a_killed_recording_replays(tmp_path: Path) -> None:
-    command = [sys.executable, "-c", RECORD_FOR_EVER, str(tmp_path / "a.mcap")]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as recording:
-        assert recording.stdout is not None
-        written = 0
-        while written < 500 or (tmp_path / "a.mcap").stat().st_size < 1_000_000:
-            written = int(recording.stdout.readline())
-        recording.send_signal(signal.SIGKILL)
-        recording.stdout.read()
-    frames = replay(tmp_path / "a.mcap")
-    assert len(frames) > 100
-    assert [frame.stamp_s for frame in frames] == [1000 + k / 30 for k in range(len(frames))]
-    assert "cut off" in open_recording(tmp_path / "a.mcap").summary

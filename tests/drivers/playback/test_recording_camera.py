@@ -1,7 +1,7 @@
 import logging
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -16,23 +16,13 @@ from drivers.camera import (
     CameraState,
     CameraStatus,
     Clock,
-    EndOfStream,
     PlaybackMode,
-    RgbdFrame,
 )
 from drivers.core import CameraError, InputError
 from drivers.playback.camera import RecordingCamera
 from drivers.playback.frame_reader import FrameReader
 
 FolderMaker = Callable[..., Path]
-
-
-def frames(camera: RecordingCamera, timeout_s: float = 10.0) -> Iterator[RgbdFrame]:
-    while True:
-        try:
-            yield camera.read(timeout_s)
-        except EndOfStream:
-            return
 
 
 def image(folder: Path, kind: str, number: int) -> Path:
@@ -42,7 +32,7 @@ def image(folder: Path, kind: str, number: int) -> Path:
 def test_lockstep_gives_every_frame_as_it_is_on_disk(make_folder: FolderMaker) -> None:
     folder = make_folder(count=12)
     with RecordingCamera(folder) as camera:
-        read = list(frames(camera))
+        read = list(camera)
         assert camera.frame_count == 12
         assert camera.counters == CameraCounters(delivered=12)
     assert [frame.seq for frame in read] == list(range(12))
@@ -81,7 +71,7 @@ def test_the_camera_file_gives_the_sensor_timing(make_folder: FolderMaker) -> No
     late = replace(read_calibration(folder / "camera.toml"), depth_offset_s=-0.012)
     (folder / "camera.toml").write_text(format_calibration(late))
     with RecordingCamera(folder) as camera:
-        read = list(frames(camera))
+        read = list(camera)
     assert {frame.readout_s for frame in read} == {0.02}
     assert [frame.skew_s for frame in read] == pytest.approx([0.005 - 0.012] * 3)
 
@@ -113,7 +103,7 @@ def test_one_bad_frame_is_skipped_counted_and_reported_once(
         shape, dtype = ((48, 64), np.uint8) if damage == "8 bits" else ((24, 32), np.uint16)
         cv2.imwrite(str(bad), np.zeros(shape, dtype))
     with caplog.at_level(logging.WARNING), RecordingCamera(folder) as camera:
-        assert [frame.seq for frame in frames(camera)] == [0, 1, 3, 4]
+        assert [frame.seq for frame in camera] == [0, 1, 3, 4]
         assert camera.counters == CameraCounters(delivered=4, skipped=1)
     assert len(caplog.records) == 1
     assert str(bad) in caplog.text
@@ -136,7 +126,7 @@ def test_realtime_keeps_the_recording_s_own_clock(make_folder: FolderMaker) -> N
         make_folder(count=6, period_s=0.05), playback_mode=PlaybackMode.REALTIME
     ) as camera:
         began = time.monotonic()
-        read = [(frame, time.monotonic() - began) for frame in frames(camera)]
+        read = [(frame, time.monotonic() - began) for frame in camera]
     assert all(late >= frame.seq * 0.05 - 1e-5 for frame, late in read)
     assert read[-1][0].seq == 5
 
@@ -146,7 +136,7 @@ def test_realtime_accounts_for_every_frame_of_a_slow_reader(make_folder: FolderM
     image(folder, "rgb", 39).write_bytes(b"")
     with RecordingCamera(folder, playback_mode=PlaybackMode.REALTIME) as camera:
         seqs = []
-        for frame in frames(camera):
+        for frame in camera:
             seqs.append(frame.seq)
             time.sleep(0.06)  # a slow reader; the camera notices only at its next read
         totals = camera.counters
@@ -177,7 +167,7 @@ def test_it_can_be_opened_again_from_the_start(make_folder: FolderMaker) -> None
     camera = RecordingCamera(make_folder(count=6))
     for _ in range(2):
         with camera:
-            assert [frame.seq for frame in frames(camera)] == [0, 1, 2, 3, 4, 5]
+            assert [frame.seq for frame in camera] == [0, 1, 2, 3, 4, 5]
     assert camera.counters.delivered == 12
 
 
@@ -215,7 +205,7 @@ def test_nothing_is_printed_for_broken_images(
         file = image(folder, kind, 1 if kind == "rgb" else 2)
         file.write_bytes(file.read_bytes()[:-30])
     with RecordingCamera(folder) as camera:
-        assert [frame.seq for frame in frames(camera)] == [0, 3]
+        assert [frame.seq for frame in camera] == [0, 3]
     assert capfd.readouterr() == ("", "")
 
 
@@ -223,7 +213,7 @@ def test_nothing_is_printed_for_broken_images(
 def test_redkitchen_is_500_frames(recordings: Path) -> None:
     with RecordingCamera(recordings / "redkitchen") as camera:
         assert camera.frame_count == 500
-        assert sum(1 for _ in islice(frames(camera), 100)) == 100
+        assert sum(1 for _ in islice(camera, 100)) == 100
         assert camera.ground_truth is not None
         assert camera.counters == CameraCounters(delivered=100)
 
@@ -234,7 +224,7 @@ def test_redkitchen_is_500_frames(recordings: Path) -> None:
 def test_freiburg1_pieces_are_undistorted(recordings: Path, name: str, count: int) -> None:
     folder = recordings / name
     with RecordingCamera(folder) as camera:
-        read = list(frames(camera))
+        read = list(camera)
         assert camera.ground_truth is not None
     assert len(read) == count
     seen = cv2.imread(str(image(folder, "rgb", 0)))

@@ -2,6 +2,9 @@
 
 import dataclasses
 import logging
+import signal
+import subprocess
+import sys
 import weakref
 from collections import deque
 from collections.abc import Callable
@@ -19,6 +22,8 @@ from drivers.playback.camera import RecordingCamera
 from drivers.recording import frame_recorder
 from drivers.recording.frame_recorder import FrameRecorder
 from drivers.tum.writer import TumFolder
+from tests.drivers.tum.read_recording import read_recording
+from tests.forked_process import ForkedProcess
 from tests.full_disk import limit_file_size
 
 FrameMaker = Callable[..., RgbdFrame]
@@ -45,11 +50,6 @@ def make_recorder(kind: str, tmp_path: Path) -> MakeRecorder:
     return make
 
 
-def replay(recorder: FrameRecorder[Any]) -> list[RgbdFrame]:
-    with RecordingCamera(recorder.path) as camera:
-        return list(camera)
-
-
 def assert_same(ours: list[RgbdFrame], theirs: list[RgbdFrame]) -> None:
     assert len(ours) == len(theirs) > 0
     for a, b in zip(ours, theirs, strict=True):
@@ -74,7 +74,7 @@ def test_a_recording_replays_the_same_frames_to_the_last_bit(
         for frame in frames:
             recorder.write(frame)
     assert recorder.written == 8
-    assert_same(replay(recorder), frames)
+    assert_same(read_recording(recorder.path), frames)
 
 
 def test_ground_truth_is_kept(make_frame: FrameMaker, make_recorder: MakeRecorder) -> None:
@@ -102,7 +102,7 @@ def test_a_stamp_that_does_not_increase_is_skipped_and_reported(
             recorder.write(frame)
     assert (recorder.written, recorder.skipped) == (2, 1)
     assert "frame 1 is not recorded: its stamp does not rise" in caplog.text
-    assert_same(replay(recorder), [make_frame(0), make_frame(2)])
+    assert_same(read_recording(recorder.path), [make_frame(0), make_frame(2)])
 
 
 def test_a_change_of_the_camera_is_rejected(
@@ -114,7 +114,7 @@ def test_a_change_of_the_camera_is_rejected(
             recorder.write(dataclasses.replace(make_frame(1), depth_factor=1000.0))
         with pytest.raises(UserFacingError, match=r"readout 0\.03 s"):
             recorder.write(make_frame(2, readout_s=0.03))
-    assert len(replay(recorder)) == 1
+    assert len(read_recording(recorder.path)) == 1
 
 
 def test_a_full_disk_leaves_what_was_written_and_is_one_error(
@@ -131,7 +131,7 @@ def test_a_full_disk_leaves_what_was_written_and_is_one_error(
             recorder.write(make_frame(1000))
         recorder.close()
         recorder.close()
-    read = replay(recorder)
+    read = read_recording(recorder.path)
     assert len(read) == recorder.written > 3
     assert read[-1].color_bgr[0, 0, 0] == (len(read) - 1) % 256
 
@@ -148,3 +148,42 @@ def test_memory_does_not_grow_with_the_recording(
             alive = [image for image in images if image() is not None]
             assert len(alive) <= MAX_ALIVE[kind]
     assert recorder.written == 60
+
+
+RECORD_FOR_EVER = """
+import sys
+from itertools import count
+from pathlib import Path
+import numpy as np
+from drivers.bag.mcap_recording_file import McapRecordingFile
+from drivers.camera import PinholeCamera, RgbdFrame
+from drivers.recording.frame_recorder import FrameRecorder
+from drivers.tum.writer import TumFolder
+
+noise = np.random.default_rng(0)
+camera = PinholeCamera(64, 48, 60.0, 60.0, 31.5, 23.5)
+path = Path(sys.argv[1])
+recorder = FrameRecorder(McapRecordingFile(path) if path.suffix else TumFolder(path))
+for k in count():
+    color = noise.integers(0, 256, (48, 64, 3), dtype=np.uint8)
+    depth = noise.integers(0, 65536, (48, 64), dtype=np.uint16)
+    recorder.write(RgbdFrame(k, 1000 + k / 30, 0.0, color, depth, 1000.0, camera))
+    print(recorder.written, flush=True)
+"""
+
+
+@pytest.mark.subprocess
+@pytest.mark.parametrize(("name", "frames"), [("r", 7), ("r", 8), ("r", 40), ("r.mcap", 500)])
+def test_a_recording_killed_at_any_moment_can_be_replayed(
+    tmp_path: Path, name: str, frames: int
+) -> None:
+    command = [sys.executable, "-c", RECORD_FOR_EVER, str(tmp_path / name)]
+    with ForkedProcess(command, stdout=subprocess.PIPE, text=True) as recording:
+        assert recording.stdout is not None
+        while int(recording.stdout.readline()) < frames:
+            pass
+        recording.send_signal(signal.SIGKILL)
+        recording.stdout.read()
+    stamps_s = [frame.stamp_s for frame in read_recording(tmp_path / name)]
+    assert len(stamps_s) > frames / 5
+    assert stamps_s == [1000 + k / 30 for k in range(len(stamps_s))]

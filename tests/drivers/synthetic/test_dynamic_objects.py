@@ -19,7 +19,7 @@ from drivers.synthetic.config import (
 )
 from drivers.synthetic.dynamic_objects import make_dynamic_objects
 from drivers.synthetic.motions import make_motion
-from drivers.synthetic.renderer import Renderer, RoomModel, make_renderer
+from drivers.synthetic.renderer import Renderer, RoomModel
 from drivers.synthetic.room import ROOM_HEIGHT_M
 
 pytestmark = pytest.mark.slow
@@ -116,12 +116,6 @@ def test_a_person_stands_on_the_floor_before_the_camera() -> None:
     assert T_camera_body[0, 3] == pytest.approx(0.0, abs=1e-9)
     assert T_camera_body[2, 3] > 0.5
     assert T_camera_body[2, 1] > 0.8  # its back is turned away from the camera
-
-
-def test_moving_objects_are_the_same_in_every_renderer(shared_renderer: RendererFactory) -> None:
-    a, b = shared_renderer(STILL).render(11), make_renderer(STILL, 1).render(11)
-    np.testing.assert_array_equal(a.color_bgr, b.color_bgr)
-    np.testing.assert_array_equal(a.depth_raw, b.depth_raw)
 
 
 def test_an_end_before_the_beginning_is_rejected() -> None:

@@ -116,8 +116,7 @@ class CameraCalibration:
         float, Field("seconds from the first row to the last", minimum=0.0, maximum=1.0)
     ] = 0.0
     depth_offset_s: Annotated[
-        float,
-        Field("capture time of depth minus its stamp, in seconds", minimum=-0.1, maximum=0.1),
+        float, Field("capture time of depth minus its stamp, in seconds", minimum=-0.1, maximum=0.1)
     ] = 0.0
     depth: Annotated[
         DepthCameraCalibration | None, "the depth camera, if the sensor does not register depth"

@@ -5,13 +5,7 @@ import time
 from collections.abc import Callable
 from enum import StrEnum
 
-from drivers.camera import (
-    CameraState,
-    CameraStatus,
-    FrameTimeout,
-    RgbdCamera,
-    RgbdFrame,
-)
+from drivers.camera import CameraState, CameraStatus, FrameTimeout, RgbdCamera, RgbdFrame
 from drivers.camera_wrapper import CameraWrapper
 from drivers.core import CameraError, CameraLostError, CameraNotFoundError
 from drivers.core.rate_limits import ExponentialBackoff

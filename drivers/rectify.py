@@ -230,11 +230,7 @@ class CalibrationFile:
 
     @classmethod
     def read(cls, path: Path | None) -> "CalibrationFile":
-        """Read a camera file.
-
-        Raises:
-            InputError: If it is not valid.
-        """
+        """Read a camera file. Raises InputError."""
         return cls(path, None if path is None else read_calibration(path))
 
     @property

@@ -148,10 +148,7 @@ def make_recording(request: CameraRequest) -> RgbdCamera:
         what = "folder" if kind == "tum" else "file"
         raise InputError(f"camera {kind!r} needs a {what}: {CAMERA_USAGES[kind]}")
     return RecordingCamera(
-        Path(request.argument),
-        request.camera_file,
-        request.playback_mode,
-        topics=request.topics,
+        Path(request.argument), request.camera_file, request.playback_mode, topics=request.topics
     )
 
 

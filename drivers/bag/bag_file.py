@@ -126,11 +126,7 @@ def damage_error(path: Path, error: Exception) -> InputError:
 
 
 def open_bag_file(storage: BagStorage) -> BagFile:
-    """Open the files of a bag as one.
-
-    Raises:
-        InputError: A file is damaged.
-    """
+    """Open the files of a bag as one. Raises InputError."""
     with ExitStack() as opened:
         parts = [opened.enter_context(_open_part(file)) for file in storage.files]
         if len({type(part) for part in parts}) > 1:

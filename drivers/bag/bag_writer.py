@@ -79,11 +79,7 @@ class BagWriter(ABC):
         self._channels: dict[str, Any] = {}
 
     def write(self, message: EncodedMessage) -> None:
-        """Write a message of ROS 2, in CDR.
-
-        Raises:
-            OSError: Writing fails.
-        """
+        """Write a message of ROS 2, in CDR. Raises OSError."""
         self.write_stored(message)
 
     def encode(self, topic: str, message_type: str, message: Any) -> bytes:
@@ -91,11 +87,7 @@ class BagWriter(ABC):
         return bytes(self.store.serialize_cdr(message, message_type))
 
     def write_stored(self, message: EncodedMessage) -> None:
-        """Write a message that is encoded as it is stored.
-
-        Raises:
-            OSError: Writing fails.
-        """
+        """Write a message that is encoded as it is stored. Raises OSError."""
         if message.topic not in self._channels:
             self.add_topic(message.topic, message.message_type, self.store)
         self._write(self._channels[message.topic], message.log_ns, message.data)

@@ -78,11 +78,7 @@ class MessageCursor:
         return self._storage.path
 
     def read(self, key: MessageKey) -> Any:
-        """Read and decode a message.
-
-        Raises:
-            UnreadableFrameError: It cannot be read, or no longer exists.
-        """
+        """Read and decode a message. Raises UnreadableFrameError."""
         try:
             self._bag = self._bag or open_bag_file(self._storage)
             if key not in self._recent:

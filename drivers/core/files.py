@@ -18,11 +18,7 @@ PARTIAL_SUFFIX = ".part"
 
 
 def check_suffix(path: Path, suffixes: Sequence[str]) -> str:
-    """Return the suffix of a file to be written, in lower case.
-
-    Raises:
-        InputError: It is none of `suffixes`.
-    """
+    """Return the suffix of a file to be written, in lower case. Raises InputError."""
     suffix = path.suffix.lower()
     if suffix not in suffixes:
         raise InputError(f"{path}: the file name must end in {' or '.join(suffixes)}")
@@ -61,11 +57,7 @@ class AppendOnlyFile:
     """A text file that grows by whole lines only."""
 
     def __init__(self, path: Path, header: str) -> None:
-        """Create the file with `header` as a comment in its first line.
-
-        Raises:
-            OSError: If that fails; no file is left.
-        """
+        """Create the file with `header` as a comment in its first line. Raises OSError."""
         self.path = path
         self._size = 0
         self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND, 0o666)

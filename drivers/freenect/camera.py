@@ -80,11 +80,7 @@ class FreenectCamera(RgbdCamera):
         self._status = CameraStatus(CameraState.ABSENT, "not opened yet")
 
     def open(self) -> None:
-        """Start delivering frames.
-
-        Raises:
-            UserFacingError: If libfreenect is not installed.
-        """
+        """Start delivering frames. Raises UserFacingError without libfreenect."""
         self.close()
         self._status = CameraStatus(CameraState.OPENING)
         try:

@@ -133,11 +133,7 @@ class FreenectDevice:
     def start(
         self, depth: DepthFormat, on_color: RawFrameCallback, on_depth: RawFrameCallback
     ) -> None:
-        """Start both streams at 640x480.
-
-        Raises:
-            CameraError: If that fails.
-        """
+        """Start both streams at 640x480. Raises CameraError."""
         library, pointer = self._library, self._pointer
         self._callbacks = [
             self._context.make_callback(on_color),

@@ -99,11 +99,7 @@ class FreenectEventLoop:
         self._thread = threading.Thread()
 
     def start(self, callbacks: StreamCallbacks) -> StartedDevice:
-        """Open the device and start both streams.
-
-        Raises:
-            CameraError: If that fails.
-        """
+        """Open the device and start both streams. Raises CameraError."""
         self._thread = threading.Thread(
             target=self._run, args=(callbacks,), name="freenect", daemon=True
         )
@@ -189,11 +185,7 @@ class CaptureSession:
         self._loop = FreenectEventLoop(library, source, depth, self._log)
 
     def start(self) -> StartedDevice:
-        """Open the device and start its streams.
-
-        Raises:
-            CameraError: If that fails.
-        """
+        """Open the device and start its streams. Raises CameraError."""
         started = self._loop.start(self._make_callbacks())
         self._watchdog = self._make_watchdog()
         return started

@@ -11,12 +11,7 @@ from typing import Any
 import usb.core
 import usb.util
 
-from drivers.camera import (
-    MAX_ACCELEROMETER_READINGS,
-    AccelerometerReading,
-    Led,
-    SensorConfig,
-)
+from drivers.camera import MAX_ACCELEROMETER_READINGS, AccelerometerReading, Led, SensorConfig
 from drivers.core import CameraError, UserFacingError
 from drivers.core.geometry import Vector
 from drivers.kinect_usb.audio_motor import AudioMotor

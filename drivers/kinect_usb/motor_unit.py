@@ -95,11 +95,7 @@ class MotorUnit:
         """Set the LED and the tilt, now and after each new connection."""
 
     def set_led(self, led: Led) -> None:
-        """Set the LED.
-
-        Raises:
-            CameraError: If that is not possible now.
-        """
+        """Set the LED. Raises CameraError."""
         raise CameraError("it has no LED")
 
     def set_tilt_deg(self, tilt_deg: float) -> None:
@@ -152,11 +148,7 @@ class MotorDevice(Protocol):
 
 
 def clamp_tilt_deg(tilt_deg: float) -> float:
-    """Limit an angle to the range of the head.
-
-    Raises:
-        ValueError: For NaN.
-    """
+    """Limit an angle to the range of the head. Raises ValueError for NaN."""
     if math.isnan(tilt_deg):
         raise ValueError("the tilt is not a number")
     return max(-MAX_TILT_DEG, min(MAX_TILT_DEG, tilt_deg))

@@ -8,11 +8,7 @@ from pathlib import Path
 
 from drivers.calibration import NO_DISTORTION, CameraCalibration
 from drivers.core import InputError
-from drivers.core.trajectory_files import (
-    ICL_NUIM_SUFFIX,
-    assumed_stamp,
-    read_icl_nuim_trajectory,
-)
+from drivers.core.trajectory_files import ICL_NUIM_SUFFIX, assumed_stamp, read_icl_nuim_trajectory
 from drivers.layouts.contents import AT_30_HZ, FolderContents, make_image
 from drivers.recording.recorded_frames import FramePair, RecordedFrames
 from drivers.tum.index_files import read_associations, read_rows

@@ -144,11 +144,7 @@ class OpenNI2Error(CameraError):
 
 
 def load_library() -> ctypes.CDLL:
-    """Load libOpenNI2.
-
-    Raises:
-        UserFacingError: If it is not installed.
-    """
+    """Load libOpenNI2. Raises UserFacingError."""
     try:
         library = ctypes.CDLL(SONAME)
     except OSError as error:

@@ -227,11 +227,7 @@ class OpenNI2Camera(RgbdCamera):
         self._status = CameraStatus(CameraState.ABSENT, "not opened yet")
 
     def open(self) -> None:
-        """Start delivering frames.
-
-        Raises:
-            UserFacingError: If libOpenNI2 is not installed.
-        """
+        """Start delivering frames. Raises UserFacingError without libOpenNI2."""
         self.close()
         calibration_file = CalibrationFile.read(self._camera_file)
         self._status = CameraStatus(CameraState.OPENING)

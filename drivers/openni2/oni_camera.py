@@ -181,11 +181,7 @@ class OniCamera(RgbdCamera):
         self._is_open = False
 
     def open(self) -> None:
-        """Check the file and start playback.
-
-        Raises:
-            InputError: If the file cannot be used.
-        """
+        """Check the file and start playback. Raises InputError."""
         self.close()
         calibration_file = CalibrationFile.read(self._camera_file)
         self._openni2 = self._openni2 or OpenNI2()

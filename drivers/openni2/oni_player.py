@@ -11,13 +11,7 @@ from numpy.typing import NDArray
 
 from drivers.camera import FrameTimeout
 from drivers.core import CameraError, InputError
-from drivers.openni2.bindings import (
-    DeviceProperty,
-    OniFrame,
-    OpenNI2,
-    OpenNI2Error,
-    SensorType,
-)
+from drivers.openni2.bindings import DeviceProperty, OniFrame, OpenNI2, OpenNI2Error, SensorType
 from drivers.openni2.device import OpenNI2Device
 from drivers.openni2.oni_index import IndexedImage
 from drivers.openni2.source_properties import read_source_properties
@@ -31,11 +25,7 @@ IMAGE_TIMEOUT_S = 2.0
 
 
 class OniPlayer:
-    """Plays a file whose index has been read.
-
-    Raises:
-        InputError: If libOpenNI2 rejects the file.
-    """
+    """Plays a file whose index has been read. Raises InputError."""
 
     def __init__(self, openni2: OpenNI2, path: Path, mirror: bool) -> None:
         self._path = path

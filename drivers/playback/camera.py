@@ -66,11 +66,7 @@ class RecordingCamera(RgbdCamera):
         self._buffer.close()
 
     def open(self) -> None:
-        """Check the recording and start decoding.
-
-        Raises:
-            InputError: If the recording cannot be used.
-        """
+        """Check the recording and start decoding. Raises InputError."""
         self.close()
         self._opened = open_recording(self._path, self._camera_file, self._topics)
         if self._opened.summary:

@@ -27,11 +27,7 @@ class FrameReader:
         )
 
     def read(self, pair: FramePair, seq: int) -> RgbdFrame:
-        """Load one pair and make its frame.
-
-        Raises:
-            UnreadableFrameError: If an image cannot be read.
-        """
+        """Load one pair and make its frame. Raises UnreadableFrameError."""
         recording, rectifier = self._recording, self._rectifier
         color, depth = pair.load(recording.image_size, recording.depth_size)
         return RgbdFrame(

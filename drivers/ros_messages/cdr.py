@@ -54,11 +54,7 @@ class CdrWriter:
         self._append(view)
 
     def header(self, stamp_s: StampSeconds, frame_id: str) -> None:
-        """Write a ``std_msgs/msg/Header``.
-
-        Raises:
-            ValueError: The stamp does not fit.
-        """
+        """Write a ``std_msgs/msg/Header``. Raises ValueError."""
         self._align(4)
         self._append(_STAMP.pack(*split_stamp(stamp_s)))
         self.string(frame_id)

@@ -43,11 +43,7 @@ class CdrReader:
     """
 
     def __init__(self, payload: BytesLike) -> None:
-        """Start to read.
-
-        Raises:
-            ValueError: It is not little-endian CDR.
-        """
+        """Start to read. Raises ValueError."""
         view = memoryview(cast(bytes, payload))
         if view[:4] != CDR_HEADER:
             raise ValueError("not little-endian CDR: the first four bytes are not 00 01 00 00")
@@ -144,11 +140,7 @@ def decode_odometry(payload: BytesLike) -> OdometryMessage:
 
 
 def decode_transform(payload: BytesLike) -> TransformMessage:
-    """Decode a message from `encode_transform` or any ROS 2 node.
-
-    Raises:
-        ValueError: The bytes are not a little-endian TransformStamped message.
-    """
+    """Decode a message from `encode_transform` or any ROS 2 node. Raises ValueError."""
     with reading(payload, TRANSFORM_SCHEMA) as reader:
         return _read_transform(reader)
 
@@ -162,11 +154,7 @@ def _read_transform(reader: CdrReader) -> TransformMessage:
 
 
 def decode_image(payload: BytesLike) -> RawImageMessage:
-    """Decode an image in `bgr8` or `16UC1`, without a copy of its pixels.
-
-    Raises:
-        ValueError: The bytes are not such a message.
-    """
+    """Decode an image in `bgr8` or `16UC1`, without a copy of its pixels. Raises ValueError."""
     with reading(payload, IMAGE_SCHEMA) as reader:
         stamp_s, frame_id = reader.header()
         height, width = reader.uint32(), reader.uint32()
@@ -183,11 +171,7 @@ def decode_image(payload: BytesLike) -> RawImageMessage:
 
 
 def decode_compressed_image(payload: BytesLike) -> CompressedImageMessage:
-    """Decode a message; its image stays compressed.
-
-    Raises:
-        ValueError: The bytes are not such a message.
-    """
+    """Decode a message; its image stays compressed. Raises ValueError."""
     with reading(payload, COMPRESSED_IMAGE_SCHEMA) as reader:
         stamp_s, frame_id = reader.header()
         return CompressedImageMessage(stamp_s, frame_id, reader.string(), reader.byte_sequence())
@@ -210,11 +194,7 @@ def decode_camera_info(payload: BytesLike) -> CameraInfoMessage:
 
 
 def decode_point_cloud(payload: BytesLike) -> PointCloudMessage:
-    """Decode points with the layout of `encode_point_cloud`, without a copy.
-
-    Raises:
-        ValueError: The bytes are not such a message.
-    """
+    """Decode points with the layout of `encode_point_cloud`, without a copy. Raises ValueError."""
     with reading(payload, POINT_CLOUD_SCHEMA) as reader:
         stamp_s, frame_id = reader.header()
         reader.uint32(), reader.uint32()
@@ -234,11 +214,7 @@ def _read_field(reader: CdrReader) -> tuple[str, int]:
 
 
 def decode_color_jpeg(message: CompressedImageMessage) -> NDArray[np.uint8]:
-    """Decode a compressed color image to (height, width, 3) uint8, BGR.
-
-    Raises:
-        ValueError: It cannot be decoded.
-    """
+    """Decode a compressed color image to (height, width, 3) uint8, BGR. Raises ValueError."""
     import cv2  # a client without compressed images needs no OpenCV
 
     image = cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_COLOR)
@@ -248,11 +224,7 @@ def decode_color_jpeg(message: CompressedImageMessage) -> NDArray[np.uint8]:
 
 
 def decode_depth_png(message: CompressedImageMessage) -> NDArray[np.uint16]:
-    """Decode compressedDepth of 16UC1 to (height, width) uint16, millimeters.
-
-    Raises:
-        ValueError: It cannot be decoded.
-    """
+    """Decode compressedDepth of 16UC1 to (height, width) uint16, millimeters. Raises ValueError."""
     import cv2
 
     data = np.frombuffer(message.data, np.uint8)[len(DEPTH_PNG_HEADER) :]

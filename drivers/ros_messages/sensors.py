@@ -87,11 +87,7 @@ class CompressedImageMessage:
 
 
 def encode_compressed_image(message: CompressedImageMessage) -> bytes:
-    """Encode a compressed image as CDR.
-
-    Raises:
-        ValueError: The stamp does not fit.
-    """
+    """Encode a compressed image as CDR. Raises ValueError."""
     writer = CdrWriter()
     writer.header(message.stamp_s, message.frame_id)
     writer.string(message.format)

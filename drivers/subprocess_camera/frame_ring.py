@@ -16,11 +16,7 @@ from contextlib import suppress
 from dataclasses import dataclass, fields
 from struct import Struct
 
-from drivers.camera import (
-    FrameTimeout,
-    PlaybackMode,
-    RgbdFrame,
-)
+from drivers.camera import FrameTimeout, PlaybackMode, RgbdFrame
 from drivers.core import UserFacingError
 from drivers.core.process.record_ring import create_shared_memory
 
@@ -41,11 +37,7 @@ class FrameSlots:
         self._memory = mmap.mmap(memory_fd, SLOT_COUNT * SLOT_BYTES)
 
     def write(self, slot: int, ordinal: int, frame: RgbdFrame) -> None:
-        """Copy a frame into a slot.
-
-        Raises:
-            UserFacingError: If it is too large.
-        """
+        """Copy a frame into a slot. Raises UserFacingError."""
         camera = frame.camera
         if MAX_FIELD_BYTES + camera.width * camera.height * 5 > SLOT_BYTES:
             raise UserFacingError(

@@ -80,8 +80,7 @@ class DepthSensorModel:
         0.07
     )
     lateral_sigma_px: Annotated[
-        float,
-        Field("ragged edges: mean distance of the pixel whose depth is read", minimum=0.0),
+        float, Field("ragged edges: mean distance of the pixel whose depth is read", minimum=0.0)
     ] = 0.7
     min_range_m: Annotated[float, Field("smallest depth with a reading, meters", minimum=0.0)] = 0.5
     max_range_m: Annotated[
@@ -149,16 +148,11 @@ class DynamicObjectConfig:
 
 @dataclass(frozen=True)
 class SyntheticConfig:
-    """A virtual Kinect in a furnished room.
-
-    Raises:
-        InputError: For a value out of range.
-    """
+    """A virtual Kinect in a furnished room. Raises InputError."""
 
     seed: Annotated[int, Field("seed of the room and of the motion", minimum=0)] = 1
     duration_s: Annotated[
-        float,
-        Field("length of the sequence, seconds; at least one frame", exclusive_minimum=0.0),
+        float, Field("length of the sequence, seconds; at least one frame", exclusive_minimum=0.0)
     ] = 20.0
     rate_hz: Annotated[float, Field("frames a second", exclusive_minimum=0.0)] = 30.0
     camera: Annotated[PinholeCamera, "intrinsics of the color camera"] = KINECT_COLOR
@@ -197,17 +191,9 @@ class SyntheticConfig:
             (not (self.bare_wall and self.twin_corners), "twin_corners", "needs all four walls"),
             (self.texel_m >= 0.001, "texel_m", "must be at least 0.001"),
             (len(self.color.distortion) == 5, "color.distortion", "needs five: k1 k2 p1 p2 k3"),
-            (
-                0 <= self.timing.readout_s <= 2 * half_frame_s,
-                "timing.readout_s",
-                "exceeds a frame",
-            ),
+            (0 <= self.timing.readout_s <= 2 * half_frame_s, "timing.readout_s", "exceeds a frame"),
             (abs(self.timing.skew_s) <= half_frame_s, "timing.skew_s", "exceeds half a frame"),
-            (
-                0 <= self.color.exposure_s <= 2 * half_frame_s,
-                "color.exposure_s",
-                "exceeds a frame",
-            ),
+            (0 <= self.color.exposure_s <= 2 * half_frame_s, "color.exposure_s", "exceeds a frame"),
             (0 <= self.color.gain_drift < 1, "color.gain_drift", "must lie in 0 .. 1"),
         )
         for is_valid, key, message in checks:

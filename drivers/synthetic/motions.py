@@ -204,11 +204,7 @@ def _held(**changes: Any) -> Callable[[np.random.Generator, float], CameraMotion
 
 
 def make_motion(config: SyntheticConfig, room_height_m: float) -> CameraMotion:
-    """Make the motion of `config`.
-
-    Raises:
-        InputError: If the track cannot be used.
-    """
+    """Make the motion of `config`. Raises InputError."""
     if config.track is not None:
         return RecordedMotion.read(config.track, config, room_height_m)
     rng, duration_s = np.random.default_rng([config.seed, 1]), config.duration_s

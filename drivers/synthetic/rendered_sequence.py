@@ -98,11 +98,7 @@ class RenderedSequence:
     """The frames of a sequence. Any number of threads and processes may use the same files."""
 
     def __init__(self, files: SequenceFiles) -> None:
-        """Open files that `create_sequence` created.
-
-        Raises:
-            OSError: If that fails.
-        """
+        """Open files that `create_sequence` created. Raises OSError."""
         self.files = files
         self._frames = os.open(files.frames, os.O_RDWR | os.O_CLOEXEC)
         index = os.open(files.index, os.O_RDWR | os.O_CLOEXEC)
@@ -146,11 +142,7 @@ class RenderedSequence:
         return images
 
     def write(self, index: int, images: RenderedImages) -> None:
-        """Store a frame.
-
-        Raises:
-            OSError: If that fails.
-        """
+        """Store a frame. Raises OSError."""
         parts = [np.ascontiguousarray(part).data for part in (images.color_bgr, images.depth_raw)]
         length = os.pwritev(self._frames, parts, index * self.files.frame_bytes)
         if length != self.files.frame_bytes:

@@ -7,14 +7,7 @@ from numpy.typing import NDArray
 
 from drivers.core.geometry import Array
 from drivers.core.jit import kernel
-from drivers.synthetic.raycast import (
-    CYLINDER,
-    ROOM,
-    Floats,
-    Indices,
-    cast_ray,
-    in_unit_cube,
-)
+from drivers.synthetic.raycast import CYLINDER, ROOM, Floats, Indices, cast_ray, in_unit_cube
 from drivers.synthetic.solids import FACE_FLIP, FACE_U_AXIS, FACE_V_AXIS
 
 MAX_TAPS = 4

@@ -97,9 +97,7 @@ def _mip_levels(image: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
 
 
 def _pack(
-    count: int,
-    painted: Iterable[tuple[tuple[int, int], list[NDArray[np.uint8]]]],
-    file: BinaryIO,
+    count: int, painted: Iterable[tuple[tuple[int, int], list[NDArray[np.uint8]]]], file: BinaryIO
 ) -> TextureAtlas:
     table = np.zeros((count, FACES, MIP_LEVELS, 3), dtype=np.int64)
     first = 0

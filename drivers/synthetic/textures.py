@@ -191,10 +191,7 @@ def cabinet_doors(front: TexturePainter, columns: int, rows: int) -> TexturePain
                 x, y = left + 0.5 * (right - left), top + 0.12 * (bottom - top)
                 corner = (
                     (round(x - handle[0] / 2), round(y)),
-                    (
-                        round(x + handle[0] / 2),
-                        round(y + handle[1]),
-                    ),
+                    (round(x + handle[0] / 2), round(y + handle[1])),
                 )
                 cv2.rectangle(image, *corner, (70.0, 75.0, 78.0), -1)
         return image

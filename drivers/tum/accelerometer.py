@@ -37,11 +37,7 @@ class AccelerometerWriter:
         self._files: list[AppendOnlyFile] = []
 
     def add(self, stamp: str, gravity_m_s2: Vector | None) -> None:
-        """Add a line; `read_accelerometer` gives back exactly the same.
-
-        Raises:
-            OSError: If that fails.
-        """
+        """Add a line; `read_accelerometer` gives back exactly the same. Raises OSError."""
         if gravity_m_s2 is None:
             return
         if not self._files:

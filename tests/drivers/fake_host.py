@@ -10,10 +10,8 @@ class FakeHost:
         self.now_s = 5000.0
 
     def sleep(self, seconds: float) -> None:
-        """Advance the clock."""
         self.now_s += seconds
 
     @property
     def clock(self) -> HostClock:
-        """The clock of a pacer."""
         return HostClock(lambda: self.now_s, self.sleep)

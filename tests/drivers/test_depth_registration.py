@@ -66,9 +66,7 @@ def units(depth_m: Array, factor: float = 1000.0) -> NDArray[np.uint16]:
         fill=st.just(1500),
     )
 )
-def test_a_depth_camera_that_is_the_color_camera_changes_nothing(
-    depth: NDArray[np.uint16],
-) -> None:
+def test_a_depth_camera_that_is_the_color_camera_changes_nothing(depth: NDArray[np.uint16]) -> None:
     registration = SoftwareRegistration(COLOR, table(COLOR, SAME), 1000.0)
     np.testing.assert_array_equal(registration.register(depth), depth)
 

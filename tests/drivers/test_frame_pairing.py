@@ -10,10 +10,7 @@ Images = list[StampedPair[int, int]]
 
 
 def run(
-    colors_s: Sequence[float],
-    depths_s: Sequence[float],
-    late_s: float = 0.0,
-    period_s: float = 0.0,
+    colors_s: Sequence[float], depths_s: Sequence[float], late_s: float = 0.0, period_s: float = 0.0
 ) -> tuple[Images, NearestFramePairing[int, int]]:
     """Pairs, when depth arrives `late_s` behind color of the same stamp."""
     pairing: NearestFramePairing[int, int] = NearestFramePairing(min_period_s=period_s)

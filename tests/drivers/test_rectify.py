@@ -65,9 +65,7 @@ def test_camera_file_overrides_the_sensor() -> None:
 
 
 @pytest.mark.parametrize("registered", [DepthRegistration.YES, DepthRegistration.UNKNOWN])
-def test_file_without_depth_table_assumes_registered_depth(
-    registered: DepthRegistration,
-) -> None:
+def test_file_without_depth_table_assumes_registered_depth(registered: DepthRegistration) -> None:
     rectifier = make_rectifier(replace(SENSOR, registration=registered), choice(PLAIN))
     depth = np.full((480, 640), 2000, np.uint16)
     assert rectifier.rectify_depth(depth) is depth

@@ -48,11 +48,7 @@ class WorkerFailed:
 
 
 def send_message(connection: "Connection[Any, Any]", message: object) -> None:
-    """Send a message; its arrays are not copied into one buffer first.
-
-    Raises:
-        OSError: The other process has ended.
-    """
+    """Send a message; its arrays are not copied into one buffer first. Raises OSError."""
     arrays: list[pickle.PickleBuffer] = []
     pickled = pickle.dumps(message, protocol=5, buffer_callback=arrays.append)
     connection.send_bytes(len(arrays).to_bytes(_COUNT_BYTES, "little") + pickled)

@@ -59,9 +59,7 @@ print(double(3))
 
 
 @pytest.mark.subprocess
-def test_a_user_program_shares_the_kernel_cache_of_the_command_line(
-    tmp_path: Path,
-) -> None:
+def test_a_user_program_shares_the_kernel_cache_of_the_command_line(tmp_path: Path) -> None:
     (tmp_path / "program.py").write_text(PROGRAM)
     environment = {name: text for name, text in os.environ.items() if name != "NUMBA_CACHE_DIR"}
     subprocess.run(

@@ -8,20 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.camera import EndOfStream, PlaybackMode, RgbdCamera, RgbdFrame
+from drivers.camera import PlaybackMode, RgbdCamera, RgbdFrame
 from drivers.core import InputError
 from drivers.freenect.camera import make_fakenect_camera
 
 
 def read_all_frames(camera: RgbdCamera) -> list[RgbdFrame]:
     """Every frame up to the end."""
-    frames = []
     with camera:
-        while True:
-            try:
-                frames.append(camera.read(10.0))
-            except EndOfStream:
-                return frames
+        return list(camera)
 
 
 if __name__ == "__main__":

@@ -12,14 +12,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from drivers.camera import (
-    CameraState,
-    Clock,
-    FrameTimeout,
-    PlaybackMode,
-    RgbdCamera,
-    SensorConfig,
-)
+from drivers.camera import CameraState, Clock, FrameTimeout, PlaybackMode, RgbdCamera, SensorConfig
 from drivers.freenect.camera import make_kinect_camera
 from drivers.subprocess_camera.camera import SubprocessCamera
 from drivers.subprocess_camera.messages import Timeouts

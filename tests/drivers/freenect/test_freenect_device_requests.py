@@ -1,7 +1,5 @@
 """Tilt and LED requests, from a command to the simulated Kinect, through all faults."""
 
-import os
-import signal
 from collections.abc import Iterator
 
 import pytest
@@ -14,7 +12,6 @@ from drivers.kinect_usb.kinect_motor_unit import KinectMotorUnit
 from drivers.subprocess_camera.camera import SubprocessCamera
 from tests.drivers.freenect.conftest import MakeCamera
 from tests.drivers.freenect.replugging import kinect_in_subprocess
-from tests.resource_leaks import child_pids
 from tests.simulators.kinect_simulator import KinectLed as SimulatedLed
 from tests.simulators.kinect_simulator import KinectSimulator
 from tests.waiting import DEFAULT_TIMEOUT_S, wait_until
@@ -48,33 +45,6 @@ def test_tilt_and_led_requests_are_applied(
     camera.set_tilt_deg(-31.0)
     wait_for_motor_unit(kinect, -31, SimulatedLed.BLINK_RED_YELLOW)
     camera.read(DEFAULT_TIMEOUT_S)
-
-
-def test_requests_are_applied_again_after_an_unplug(
-    camera: SubprocessCamera, kinect: KinectSimulator
-) -> None:
-    camera.set_led(Led.YELLOW)
-    camera.set_tilt_deg(9.0)
-    wait_for_motor_unit(kinect, 9, SimulatedLed.YELLOW)
-    kinect.unplug()
-    wait_until(lambda: camera.status.state is CameraState.ABSENT)
-    with pytest.raises(CameraError, match="freenect: not open now"):
-        camera.set_led(Led.RED)
-    kinect.plug()
-    wait_for_motor_unit(kinect, 9, SimulatedLed.RED)
-
-
-def test_requests_are_applied_again_after_the_driver_was_killed(
-    camera: SubprocessCamera, kinect: KinectSimulator
-) -> None:
-    camera.set_led(Led.RED)
-    wait_for_motor_unit(kinect, 0, SimulatedLed.RED)
-    (driver,) = child_pids()
-    os.kill(driver, signal.SIGKILL)
-    wait_until(lambda: camera.status.state is not CameraState.STREAMING)
-    wait_until(lambda: camera.status.state is CameraState.STREAMING)
-    # The next worker opened the motor unit, whose settings alone would make the LED green.
-    wait_for_motor_unit(kinect, 0, SimulatedLed.RED)
 
 
 def away(camera: FreenectCamera, tilt_deg: float) -> bool:

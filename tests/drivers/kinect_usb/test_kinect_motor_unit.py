@@ -247,9 +247,7 @@ def test_the_tilt_can_be_read(plug_in: PlugIn, motor_unit: KinectMotorUnit) -> N
     wait_until(lambda: motor_unit.read().tilt_deg == -12.0)
 
 
-def test_without_libusb_there_is_no_motor_unit(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
+def test_without_libusb_there_is_no_motor_unit(caplog: pytest.LogCaptureFixture) -> None:
     def no_libusb(serial: str) -> None:
         raise UserFacingError("libusb-1.0.so.0 is not installed")
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.camera import EndOfStream, RgbdCamera, RgbdFrame
+from drivers.camera import RgbdCamera, RgbdFrame
 from drivers.playback.camera import RecordingCamera
 from drivers.recording.frame_recorder import FrameRecorder
 from drivers.tum.writer import TumFolder
@@ -67,11 +67,7 @@ def make_images(frames: int) -> list[OniImage]:
 def read_all_frames(camera: RgbdCamera) -> Iterator[RgbdFrame]:
     """Every frame from opening to the end."""
     with camera:
-        while True:
-            try:
-                yield camera.read(5.0)
-            except EndOfStream:
-                return
+        yield from camera
 
 
 @pytest.fixture(scope="session")

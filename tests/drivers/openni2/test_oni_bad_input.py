@@ -100,28 +100,6 @@ def test_no_camera_file(small_oni: Path) -> None:
     assert "without a [depth] table if it was, with one if it was not" in text
 
 
-def ten_times(text: str) -> str:
-    """The intrinsics of images that are ten times as large."""
-    for small, large in (("64", "640"), ("48", "480"), ("52.5", "525.0")):
-        text = text.replace(small, large)
-    return text.replace("31.5", "319.5").replace("23.5", "239.5")
-
-
-def test_camera_file_of_another_size(small_oni: Path, camera_file: Path, tmp_path: Path) -> None:
-    other = tmp_path / "camera.toml"
-    other.write_text(ten_times(camera_file.read_text()))
-    assert f"color is 64x48, but camera file {other} is for 640x480" in complaint(small_oni, other)
-
-
-def test_depth_table_of_another_size(
-    small_oni: Path, depth_camera_file: Path, tmp_path: Path
-) -> None:
-    other = tmp_path / "camera.toml"
-    color, depth = depth_camera_file.read_text().split("[depth]")
-    other.write_text(f"{color}[depth]{ten_times(depth)}")
-    assert "depth is 64x48, but [depth] of camera file" in complaint(small_oni, other)
-
-
 def test_missing_camera_file(small_oni: Path, tmp_path: Path) -> None:
     assert "none.toml" in complaint(small_oni, tmp_path / "none.toml")
 

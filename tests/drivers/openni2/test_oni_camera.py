@@ -18,15 +18,7 @@ from drivers.playback.camera import RecordingCamera
 from tests.drivers.fake_host import FakeHost
 from tests.drivers.openni2.conftest import SIZE, make_image, make_images, read_all_frames
 from tests.resource_leaks import resources_in_use
-from tests.simulators.oni_writer import (
-    DEPTH_100_UM,
-    OniImage,
-    OniSensor,
-    OniSettings,
-    frames_to_oni_images,
-    write_oni,
-)
-from vo_service.odometry.surf.odometry import SurfOdometry
+from tests.simulators.oni_writer import DEPTH_100_UM, OniImage, OniSensor, OniSettings, write_oni
 
 
 def written(path: Path, images: Sequence[OniImage], settings: OniSettings | None = None) -> Path:
@@ -47,30 +39,6 @@ def test_frames_are_those_of_the_folder_bit_for_bit(corner_oni: Path, in_millime
         np.testing.assert_array_equal(ours.color_bgr, theirs.color_bgr)
         np.testing.assert_array_equal(ours.depth_raw, theirs.depth_raw)
         assert whole(ours) == whole(theirs)
-
-
-def test_the_trajectory_is_that_of_the_folder(corner_oni: Path, in_millimeters: Path) -> None:
-    oni, folder = SurfOdometry(), SurfOdometry()
-    played = OniCamera(corner_oni, in_millimeters / "camera.toml")
-    for ours, theirs in zip(
-        read_all_frames(played), read_all_frames(RecordingCamera(in_millimeters)), strict=True
-    ):
-        a, b = oni.estimate(ours), folder.estimate(theirs)
-        np.testing.assert_array_equal(a.T_world_camera, b.T_world_camera)
-        assert a.ok
-
-
-def test_real_recording_plays_as_its_folder(recordings: Path, tmp_path: Path) -> None:
-    folder, path = recordings / "redkitchen", tmp_path / "redkitchen.oni"
-    with RecordingCamera(folder) as camera:
-        first = [camera.read(5.0) for _ in range(10)]
-    write_oni(path, frames_to_oni_images(first))
-    for ours, theirs in zip(
-        read_all_frames(OniCamera(path, folder / "camera.toml")), first, strict=True
-    ):
-        np.testing.assert_array_equal(ours.color_bgr, theirs.color_bgr)
-        np.testing.assert_array_equal(ours.depth_raw, theirs.depth_raw)
-        assert ours.stamp_s == theirs.stamp_s
 
 
 # Which sensor the next image in the file is of, and how far its stamp is after the one before.

@@ -71,9 +71,7 @@ def test_closing_wakes_both_threads(mode: PlaybackMode, make_frame: FrameMaker) 
         empty.get(30)
 
 
-def test_the_decoder_error_follows_the_last_frame(
-    make_frame: FrameMaker,
-) -> None:
+def test_the_decoder_error_follows_the_last_frame(make_frame: FrameMaker) -> None:
     buffer = make_buffer(PlaybackMode.LOCKSTEP)
     buffer.put(make_frame(0))
     buffer.finish(MemoryError("no room"))

@@ -11,13 +11,7 @@ import numpy as np
 import pytest
 
 from drivers.calibration import format_calibration, read_calibration
-from drivers.camera import (
-    CameraCounters,
-    CameraState,
-    CameraStatus,
-    Clock,
-    PlaybackMode,
-)
+from drivers.camera import CameraCounters, CameraState, CameraStatus, Clock, PlaybackMode
 from drivers.core import CameraError, InputError
 from drivers.playback.camera import RecordingCamera
 from drivers.playback.frame_reader import FrameReader

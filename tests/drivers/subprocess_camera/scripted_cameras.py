@@ -61,13 +61,11 @@ class FileScriptedCamera(RgbdCamera):
         self._counters = CameraCounters()
 
     def open(self) -> None:
-        """Open, or whatever."""
         self._run_script("open")
         self._seq = 0
         self._counters += CameraCounters(lost_packets=LOST_PACKETS)
 
     def read(self, timeout_s: float) -> RgbdFrame:
-        """A frame, or whatever."""
         pause(self._period_s)
         self._run_script("read")
         frame = make_pattern_frame(self._seq, time.monotonic(), self._size)
@@ -81,7 +79,6 @@ class FileScriptedCamera(RgbdCamera):
 
     @property
     def counters(self) -> CameraCounters:
-        """Three packets lost at every opening."""
         return self._counters
 
     def wait_for_reconnect(self, timeout_s: float) -> None:
@@ -99,7 +96,6 @@ class WarningCamera(FileScriptedCamera):
 
     @property
     def status(self) -> CameraStatus:
-        """Some complaint."""
         return CameraStatus(CameraState.STREAMING, "losing strings: 3 of 5 frames torn")
 
 
@@ -112,7 +108,6 @@ class OpeningMarkerCamera(FileScriptedCamera):
     """Leaves a mark beside its script as soon as it begins to open."""
 
     def open(self) -> None:
-        """Say so, then open."""
         opening_marker(self._script).touch()
         super().open()
 
@@ -121,7 +116,6 @@ class SingleFrameCamera(FileScriptedCamera):
     """Sends one frame each time that it is plugged in."""
 
     def read(self, timeout_s: float) -> RgbdFrame:
-        """A frame, then none."""
         if self._seq:
             raise CameraLostError("scripted: unplugged")
         return super().read(timeout_s)
@@ -138,7 +132,6 @@ class RecordedCamera(FileScriptedCamera):
         self._count = count
 
     def read(self, timeout_s: float) -> RgbdFrame:
-        """The next frame."""
         if self._seq == self._count:
             raise EndOfStream
         seq = super().read(timeout_s).seq
@@ -146,10 +139,8 @@ class RecordedCamera(FileScriptedCamera):
 
     @property
     def frame_count(self) -> int | None:
-        """As given."""
         return self._count
 
     @property
     def intrinsics_source(self) -> str:
-        """Some."""
         return "factory"

@@ -19,18 +19,15 @@ class MotorizedCamera(FileScriptedCamera):
 
     @property
     def has_motor(self) -> bool:
-        """It has."""
         return True
 
     def open(self) -> None:
-        """Do again what it was told."""
         super().open()
         self._is_open = True
         for order in self._commands.values():
             self._record(order)
 
     def close(self) -> None:
-        """Forget nothing."""
         super().close()
         self._is_open = False
 
@@ -41,7 +38,6 @@ class MotorizedCamera(FileScriptedCamera):
         self._set("tilt", f"tilt {tilt_deg:g}")
 
     def set_led(self, led: Led) -> None:
-        """Say so."""
         self._set("light", f"light {led}")
 
     def _set(self, kind: str, order: str) -> None:

@@ -46,9 +46,7 @@ def test_an_open_recording_is_ready(make_subprocess_camera: MakeSubprocessCamera
         assert (camera.intrinsics_source, camera.ground_truth) == ("factory", None)
 
 
-def test_the_clock_starts_with_the_first_read(
-    make_subprocess_camera: MakeSubprocessCamera,
-) -> None:
+def test_the_clock_starts_with_the_first_read(make_subprocess_camera: MakeSubprocessCamera) -> None:
     with make_subprocess_camera(
         RecordedCamera, pace=PlaybackMode.REALTIME, count=50, period_s=0.4
     ) as camera:

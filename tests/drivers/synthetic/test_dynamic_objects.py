@@ -58,9 +58,7 @@ def changed(renderer: Renderer, index: int) -> NDArray[np.bool_]:
     return result
 
 
-def test_it_fills_the_view_by_its_size_and_then_leaves(
-    shared_renderer: RendererFactory,
-) -> None:
+def test_it_fills_the_view_by_its_size_and_then_leaves(shared_renderer: RendererFactory) -> None:
     renderer = shared_renderer(STILL)
     seen = changed(renderer, 10)
     x, y = (0.3 * SMALL.fx / 1.0 / size for size in (128, 96))

@@ -22,11 +22,7 @@ from drivers.synthetic.renderer import make_renderer
 from drivers.synthetic.sensors import RenderedImages
 from tests.drivers.fake_host import FakeHost
 from tests.drivers.synthetic import idle_renderer
-from tests.drivers.synthetic.cached_cameras import (
-    RendererFactory,
-    fill_sequence,
-    read_frames,
-)
+from tests.drivers.synthetic.cached_cameras import RendererFactory, fill_sequence, read_frames
 from tests.resource_leaks import child_pids
 from tests.waiting import wait_until
 

@@ -107,10 +107,7 @@ def test_testing_only_candidates_changes_nothing(a: float, b: float, c: float, s
     turns = np.linspace(-0.01, 0.01, CAMERA.height)
     T = np.array(
         [
-            rigid_transform(
-                so3_exp([a, b, c]) @ FORWARD @ so3_exp([0, t, 0]),
-                (t, 0, 1.5),
-            )
+            rigid_transform(so3_exp([a, b, c]) @ FORWARD @ so3_exp([0, t, 0]), (t, 0, 1.5))
             for t in turns
         ]
     )

@@ -83,8 +83,7 @@ def test_live_frames_come_when_due_and_stamped_by_the_host(
 
 
 def test_a_slow_reader_gets_the_newest_frame_and_the_rest_is_counted(
-    cached_cameras: CachedCameras,
-    faulty: SyntheticConfig,
+    cached_cameras: CachedCameras, faulty: SyntheticConfig
 ) -> None:
     host = FakeHost()
     with cached_cameras.open_camera(faulty, PlaybackMode.REALTIME, host) as camera:

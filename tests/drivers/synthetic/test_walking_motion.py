@@ -81,7 +81,6 @@ class StationaryMotion(CameraMotion):
         self._T = T_world_camera
 
     def poses(self, times_s: Array) -> Array:
-        """See `CameraMotion`."""
         return np.tile(self._T, (len(times_s), 1, 1))
 
 

@@ -120,17 +120,13 @@ def test_a_folder_without_most_of_its_files_is_rejected(make_folder: FolderMaker
     assert complaint(folder).startswith("DIR/rgb.txt:4: names DIR/rgb/")
 
 
-def test_a_single_missing_file_in_the_middle_is_accepted(
-    make_folder: FolderMaker,
-) -> None:
+def test_a_single_missing_file_in_the_middle_is_accepted(make_folder: FolderMaker) -> None:
     folder = make_folder()
     sorted((folder / "depth").iterdir())[2].unlink()
     assert len(open_tum_folder(folder, None).frames.pairs) == 5
 
 
-def test_a_first_frame_of_a_wrong_type_is_rejected_with_its_line(
-    make_folder: FolderMaker,
-) -> None:
+def test_a_first_frame_of_a_wrong_type_is_rejected_with_its_line(make_folder: FolderMaker) -> None:
     folder = make_folder()
     depth = first_image(folder, "depth")
     cv2.imwrite(str(depth), np.zeros((48, 64), np.uint8))

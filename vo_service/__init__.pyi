@@ -9,6 +9,7 @@ from vo_service.client.connection import ServiceUnavailable as ServiceUnavailabl
 from vo_service.client.frame_client import Frame as Frame
 from vo_service.client.frame_client import FrameClient as FrameClient
 from vo_service.client.frame_client import PointCloud as PointCloud
+from vo_service.client.frame_client import Scan as Scan
 from vo_service.client.pose import MapOdom as MapOdom
 from vo_service.client.pose import Pose as Pose
 from vo_service.client.pose_client import PoseClient as PoseClient

@@ -178,18 +178,19 @@ def _open_extra_outputs(config: OutputsConfig, stack: ExitStack) -> list[Output]
 
 
 def open_frames(config: Config) -> "list[FrameOutput]":
-    """Open the output of images and points; nothing if they are not to be published.
+    """Open the output of images, points and scans; nothing if they are not to be published.
 
     Raises:
         InputError: The configuration of Zenoh is not valid.
     """
-    if config.frames.enabled is False:
+    if config.frames.enabled is False and not config.scan.enabled:
         return []
     from vo_service.outputs.frames.output import FrameOutputConfig, open_frame_outputs
 
     settings = FrameOutputConfig(
         prefix=config.zenoh.prefix,
         frames=config.frames,
+        scan=config.scan,
         T_base_camera=config.T_base_camera.T_base_camera,
         base_frame_id=config.zenoh.child_frame_id,
         ros2=config.ros2,

@@ -24,6 +24,7 @@ from vo_service.config_tables import (
     RecorderConfig,
     RerunConfig,
     Ros2Config,
+    ScanConfig,
     WheelOdometryConfig,
     ZenohConfig,
 )
@@ -181,6 +182,7 @@ class Config:
     T_base_camera: MountingConfig = MountingConfig()
     zenoh: ZenohConfig = ZenohConfig()  # noqa: RUF009 (frozen)
     frames: FramesConfig = FramesConfig()  # noqa: RUF009 (frozen)
+    scan: ScanConfig = ScanConfig()  # noqa: RUF009 (frozen)
     commands: CommandConfig = CommandConfig()  # noqa: RUF009 (frozen)
     ros2: Ros2Config = Ros2Config()  # noqa: RUF009 (frozen)
     wheel_odometry: WheelOdometryConfig = WheelOdometryConfig()  # noqa: RUF009 (frozen)

@@ -180,6 +180,41 @@ class FramesConfig:
 
 
 @dataclass(frozen=True)
+class ScanConfig:
+    """`[scan]`: distances in a horizontal plane, from depth, only while somebody subscribes."""
+
+    enabled: Annotated[bool | None, "false = never; unset = as frames.enabled"] = None
+    min_height_m: Annotated[
+        float, Field("least height of an obstacle above the floor, m", minimum=0.02, maximum=2.0)
+    ] = 0.10
+    max_height_m: Annotated[
+        float | None,
+        Field(
+            "largest height of an obstacle, m, at least the robot's; unset = 0.15 m above the "
+            "camera",
+            minimum=0.05,
+            maximum=5.0,
+        ),
+    ] = None
+    range_min_m: Annotated[
+        float, Field("least range, m; what is nearer is unknown", minimum=0.1, maximum=5.0)
+    ] = 0.45
+    range_max_m: Annotated[
+        float, Field("largest range of the scan, m", minimum=0.5, maximum=20.0)
+    ] = 4.5
+    angle_increment_deg: Annotated[
+        float, Field("angle between two ranges, degrees", minimum=0.1, maximum=5.0)
+    ] = 0.5
+    frame_id: Annotated[str, "frame of the scan: level, below the camera"] = "camera_scan"
+
+    def __post_init__(self) -> None:
+        if self.range_max_m <= self.range_min_m:
+            raise FieldError(("range_max_m",), "must be larger than scan.range_min_m")
+        if self.max_height_m is not None and self.max_height_m <= self.min_height_m:
+            raise FieldError(("max_height_m",), "must be larger than scan.min_height_m")
+
+
+@dataclass(frozen=True)
 class Ros2Config:
     """`[ros2]`: publication of poses and frames for ROS 2."""
 

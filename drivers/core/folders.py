@@ -20,6 +20,7 @@ KERNEL_SOURCES = (
     "drivers/recording/image_encoding.py",
     "drivers/synthetic",
     "vo_service/frame_record.py",
+    "vo_service/navigation",
     "vo_service/odometry",
     "vo_service/reconstruction",
     "vo_service/slam/keyframe_database.py",

@@ -9,6 +9,7 @@ import struct
 from decimal import Decimal
 from typing import Any, cast
 
+import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core.geometry import Array
@@ -37,6 +38,11 @@ class CdrWriter:
         self._align(4)
         self._append(struct.pack(f"<{len(values)}I", *values))
 
+    def float32s(self, numbers: NDArray[np.floating[Any]]) -> None:
+        """Write 32-bit floats."""
+        self._align(4)
+        self._append(numbers.astype("<f4").tobytes())
+
     def float64s(self, numbers: Array) -> None:
         """Write 64-bit floats."""
         self._align(8)
@@ -53,10 +59,14 @@ class CdrWriter:
         self.uint32(len(view))
         self._append(view)
 
-    def header(self, stamp_s: StampSeconds, frame_id: str) -> None:
-        """Write a ``std_msgs/msg/Header``. Raises ValueError."""
+    def time(self, stamp_s: StampSeconds) -> None:
+        """Write a ``builtin_interfaces/msg/Time``. Raises ValueError."""
         self._align(4)
         self._append(_STAMP.pack(*split_stamp(stamp_s)))
+
+    def header(self, stamp_s: StampSeconds, frame_id: str) -> None:
+        """Write a ``std_msgs/msg/Header``. Raises ValueError."""
+        self.time(stamp_s)
         self.string(frame_id)
 
     def to_bytes(self) -> bytes:

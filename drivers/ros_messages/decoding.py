@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 from drivers.core.geometry import Array, transform_from_pose
 from drivers.ros_messages.cdr import CDR_HEADER, BytesLike
 from drivers.ros_messages.navigation import (
+    OCCUPANCY_GRID_SCHEMA,
     ODOMETRY_SCHEMA,
     TRANSFORM_SCHEMA,
+    OccupancyGridMessage,
     OdometryMessage,
     TransformMessage,
 )
@@ -25,11 +27,13 @@ from drivers.ros_messages.sensors import (
     DEPTH_PNG_HEADER,
     ENCODINGS,
     IMAGE_SCHEMA,
+    LASER_SCAN_SCHEMA,
     POINT,
     POINT_CLOUD_SCHEMA,
     POINT_FIELDS,
     CameraInfoMessage,
     CompressedImageMessage,
+    LaserScanMessage,
     PointCloudMessage,
     RawImageMessage,
 )
@@ -57,6 +61,11 @@ class CdrReader:
     def uint32(self) -> int:
         """Read a 32-bit number."""
         return int(self._unpack("<I", 4)[0])
+
+    def float32s(self, count: int) -> NDArray[np.float32]:
+        """Read 32-bit floats."""
+        self._offset += -self._offset % 4
+        return np.frombuffer(self._take(4 * count), "<f4").astype(np.float32)
 
     def float64s(self, count: int) -> Array:
         """Read 64-bit floats."""
@@ -211,6 +220,40 @@ def _read_field(reader: CdrReader) -> tuple[str, int]:
     name, offset = reader.string(), reader.uint32()
     reader.uint8(), reader.uint32()
     return name, offset
+
+
+def decode_laser_scan(payload: BytesLike) -> LaserScanMessage:
+    """Decode a scan of `encode_laser_scan` or any ROS 2 node; its intensities are ignored.
+
+    Raises:
+        ValueError: The bytes are not such a message.
+    """
+    with reading(payload, LASER_SCAN_SCHEMA) as reader:
+        stamp_s, frame_id = reader.header()
+        limits = [float(limit) for limit in reader.float32s(7)]
+        ranges_m = reader.float32s(reader.uint32())
+    angle_min, _, increment, _, scan_time, range_min, range_max = limits
+    return LaserScanMessage(
+        stamp_s, frame_id, angle_min, increment, scan_time, range_min, range_max, ranges_m
+    )
+
+
+def decode_occupancy_grid(payload: BytesLike) -> OccupancyGridMessage:
+    """Decode a map of `encode_occupancy_grid` or any ROS 2 node, without a copy of its cells.
+
+    Raises:
+        ValueError: The bytes are not such a message, or the map is turned.
+    """
+    with reading(payload, OCCUPANCY_GRID_SCHEMA) as reader:
+        stamp_s, frame_id = reader.header()
+        reader.uint32(), reader.uint32()
+        resolution_m = float(reader.float32s(1)[0])
+        width, height = reader.uint32(), reader.uint32()
+        x, y, _, *rotation = map(float, reader.float64s(_TRANSFORM_NUMBERS))
+        if rotation[:3] != [0.0, 0.0, 0.0]:
+            raise ValueError("its origin is turned")
+        cells = reader.byte_sequence().view(np.int8).reshape(height, width)
+    return OccupancyGridMessage(stamp_s, frame_id, resolution_m, (x, y), cells)
 
 
 def decode_color_jpeg(message: CompressedImageMessage) -> NDArray[np.uint8]:

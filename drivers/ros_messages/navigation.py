@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.core.geometry import Array, quaternion_from_rotation
 from drivers.ros_messages.cdr import CdrWriter, StampSeconds
@@ -142,4 +143,46 @@ def _encode_numbers(stamp_s: StampSeconds, frame_id: str, numbers: Array) -> byt
     writer = CdrWriter()
     writer.header(stamp_s, frame_id)
     writer.float64s(numbers)
+    return writer.to_bytes()
+
+
+OCCUPANCY_GRID_SCHEMA = "nav_msgs/msg/OccupancyGrid"
+
+
+@dataclass(frozen=True)
+class OccupancyGridMessage:
+    """A map of cells.
+
+    Attributes:
+        stamp_s: Time of the map, Unix seconds.
+        frame_id: Frame of the map.
+        resolution_m: Side of a cell.
+        origin_xy_m: Lower corner of the first cell.
+        cells: (height, width) int8: 0 = free, 100 = occupied, -1 = unknown; the first row has the
+            least y, the first column the least x.
+    """
+
+    stamp_s: float
+    frame_id: str
+    resolution_m: float
+    origin_xy_m: tuple[float, float]
+    cells: NDArray[np.int8]
+
+
+def encode_occupancy_grid(message: OccupancyGridMessage) -> bytes:
+    """Encode a map as CDR.
+
+    Raises:
+        ValueError: The stamp does not fit, or the origin is not finite.
+    """
+    if not np.all(np.isfinite(message.origin_xy_m)):
+        raise ValueError(f"the map at {message.stamp_s} s has an origin that is not finite")
+    height, width = message.cells.shape
+    writer = CdrWriter()
+    writer.header(message.stamp_s, message.frame_id)
+    writer.time(0.0)  # map_load_time
+    writer.float32s(np.array([message.resolution_m]))
+    writer.uint32(width, height)
+    writer.float64s(np.array([*message.origin_xy_m, 0.0, 0.0, 0.0, 0.0, 1.0]))
+    writer.byte_sequence(message.cells.tobytes())
     return writer.to_bytes()

@@ -213,3 +213,66 @@ def encode_imu(message: ImuMessage) -> bytes:
     writer.float64s(np.concatenate([np.zeros(3), absent]))
     writer.float64s(np.concatenate([message.acceleration_m_s2, np.zeros(9)]))
     return writer.to_bytes()
+
+
+LASER_SCAN_SCHEMA = "sensor_msgs/msg/LaserScan"
+
+
+@dataclass(frozen=True)
+class LaserScanMessage:
+    """Distances in a horizontal plane, all measured at the stamp.
+
+    Attributes:
+        stamp_s: Time of the scan, Unix seconds.
+        frame_id: Frame of the scan: x forward, y left, z up.
+        angle_min_rad: Angle of the first range; angles grow counterclockwise.
+        angle_increment_rad: Angle between two ranges.
+        scan_time_s: Time between two scans.
+        range_min_m: Least valid range.
+        range_max_m: Largest valid range.
+        ranges_m: (N,) float32; NaN = unknown, +inf = free up to `range_max_m` (REP 117).
+    """
+
+    stamp_s: float
+    frame_id: str
+    angle_min_rad: float
+    angle_increment_rad: float
+    scan_time_s: float
+    range_min_m: float
+    range_max_m: float
+    ranges_m: NDArray[np.float32]
+
+    @property
+    def angle_max_rad(self) -> float:
+        """Angle of the last range."""
+        return self.angle_min_rad + (len(self.ranges_m) - 1) * self.angle_increment_rad
+
+    @property
+    def angles_rad(self) -> Array:
+        """(N,) angles of the ranges."""
+        steps = np.arange(len(self.ranges_m), dtype=np.float64)
+        return self.angle_min_rad + self.angle_increment_rad * steps
+
+
+def encode_laser_scan(message: LaserScanMessage) -> bytes:
+    """Encode a scan as CDR, without intensities.
+
+    Raises:
+        ValueError: The stamp does not fit.
+    """
+    limits = [
+        message.angle_min_rad,
+        message.angle_max_rad,
+        message.angle_increment_rad,
+        0.0,  # time_increment: all ranges are of one image
+        message.scan_time_s,
+        message.range_min_m,
+        message.range_max_m,
+    ]
+    writer = CdrWriter()
+    writer.header(message.stamp_s, message.frame_id)
+    writer.float32s(np.array(limits))
+    writer.uint32(len(message.ranges_m))
+    writer.float32s(message.ranges_m)
+    writer.uint32(0)  # intensities
+    return writer.to_bytes()

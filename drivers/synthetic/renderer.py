@@ -146,6 +146,12 @@ class Renderer:
         rng = np.random.default_rng([self._config.seed, 5, index])
         return self.apply_sensor_noise(self.render_noiseless(index), rng)
 
+    def render_depth(self, index: int) -> NDArray[np.uint16]:
+        """Render only the depth of frame `index`, with other noise than that of `render`."""
+        true_m = self._render_depth(index / self._config.rate_hz + self._config.timing.skew_s)
+        rng = np.random.default_rng([self._config.seed, 6, index])
+        return self._undistort.undistort_depth(self._measure_depth(true_m, rng))
+
     def render_noiseless(self, index: int) -> NoiselessFrame:
         """Render frame `index` without sensor noise."""
         stamp_s, config = index / self._config.rate_hz, self._config

@@ -47,6 +47,7 @@ def run(request: WarmUpRequest) -> int:
             taken_s += prepare_loop_closure(terminal, stop)
         if config.recorder.enabled or config.map.enabled:
             taken_s += run_warm_up(_warm_up_depth_packing, terminal, stop)
+        taken_s += run_warm_up(_warm_up_scan, terminal, stop)
         if config.camera.source == "synthetic":
             taken_s += run_warm_up(_warm_up_renderer, terminal, stop)
     maps = " and of maps" if config.map.enabled else ""
@@ -60,6 +61,15 @@ def _warm_up_depth_packing(on_progress: Callable[[str], None]) -> float:
     begin_s = time.monotonic()
     on_progress("depth packing")
     compile_kernels()
+    return time.monotonic() - begin_s
+
+
+def _warm_up_scan(on_progress: Callable[[str], None]) -> float:
+    from vo_service.navigation.robot_scan import RobotScanner
+
+    begin_s = time.monotonic()
+    on_progress("scan")
+    RobotScanner.warm_up()
     return time.monotonic() - begin_s
 
 

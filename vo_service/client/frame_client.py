@@ -19,10 +19,12 @@ from drivers.ros_messages.decoding import (
     decode_compressed_image,
     decode_depth_png,
     decode_image,
+    decode_laser_scan,
     decode_point_cloud,
 )
 from drivers.ros_messages.sensors import (
     CompressedImageMessage,
+    LaserScanMessage,
     PointCloudMessage,
     RawImageMessage,
 )
@@ -143,6 +145,26 @@ class PointCloud(Located):
         return self._cloud.bgr[:, ::-1]
 
 
+@dataclass(frozen=True)
+class Scan(Located):
+    """Distances to the nearest obstacles in a horizontal plane, and where they were measured.
+
+    The scan's frame is on the floor below the camera, level, with the camera's yaw.
+    """
+
+    _scan: LaserScanMessage
+
+    @property
+    def angles_rad(self) -> Array:
+        """(N,) directions, counterclockwise from the camera's forward; right is first."""
+        return self._scan.angles_rad
+
+    @property
+    def ranges_m(self) -> NDArray[np.float32]:
+        """(N,) distances from the camera; NaN = unknown, +inf = free as far as it measures."""
+        return self._scan.ranges_m
+
+
 # Frames that wait for the rest of their messages, and poses that wait for their frames.
 MAX_INCOMPLETE_FRAMES = 8
 MAX_WAITING_POSES = 256
@@ -242,8 +264,8 @@ def _drop_oldest(items: dict[bytes, Any], capacity: int) -> None:
 class FrameClient(ServiceClient):
     """Client of one service's frames, on a session of its own: it never delays a `PoseClient`.
 
-    Images are sent only while a loop over `frames` or `points` runs. A slow reader skips to the
-    newest frame.
+    A topic is sent only while a loop over `frames`, `points` or `scans` runs. A slow reader skips
+    to the newest frame.
     """
 
     max_message_bytes = MAX_FRAME_MESSAGE_BYTES
@@ -259,7 +281,7 @@ class FrameClient(ServiceClient):
         self._assemblies: list[FrameAssembly] = []  # of the loops that run
 
     def close(self) -> None:
-        """Disconnect; `frames` and `points` end. Safe to call twice."""
+        """Disconnect; `frames`, `points` and `scans` end. Safe to call twice."""
         self._state.close()
         for assembly in list(self._assemblies):
             assembly.stop()
@@ -309,6 +331,20 @@ class FrameClient(ServiceClient):
             yield PointCloud(
                 located.pose, located.T_base_camera, decode_point_cloud(payloads["points"])
             )
+
+    def scans(self, timeout_s: float | None = None) -> Iterator[Scan]:
+        """Iterate over scans as they arrive, newest first.
+
+        Args:
+            timeout_s: Longest wait for the next scan; None waits without limit.
+
+        Raises:
+            FrameUnavailable: No scan arrived in time.
+            InputError: The time is not valid.
+            ValueError: A message cannot be read.
+        """
+        for located, payloads in self._assembled(("scan",), timeout_s):
+            yield Scan(located.pose, located.T_base_camera, decode_laser_scan(payloads["scan"]))
 
     def _assembled(
         self, topics: tuple[str, ...], timeout_s: float | None

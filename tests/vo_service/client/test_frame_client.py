@@ -7,12 +7,18 @@ import numpy as np
 import pytest
 
 from drivers.core import InputError
-from drivers.core.geometry import T_BODY_CAMERA
 from tests.ports import free_port
 from tests.vo_service.outputs.conftest import make_update, status
-from tests.vo_service.outputs.frames.frame_robot import MakeUpdate, Robot, running_robot
+from tests.vo_service.outputs.frames.frame_robot import (
+    T_BASE_CAMERA,
+    MakeUpdate,
+    Robot,
+    running_robot,
+)
 from tests.waiting import wait_until
 from vo_service import FrameClient, FrameUnavailable
+from vo_service.config_tables import ScanConfig
+from vo_service.navigation.robot_scan import RobotScanner
 from vo_service.types.messages import Status
 from vo_service.types.odometry_update import OdometryUpdate
 
@@ -73,7 +79,7 @@ def test_a_frame_has_images_intrinsics_and_the_pose_of_its_stamp(
     np.testing.assert_array_equal(frame.K, update.frame.camera.K)
     np.testing.assert_allclose(frame.pose.T_odom_base, update.T_odom_base, atol=1e-9)
     np.testing.assert_array_equal(frame.pose.pose_covariance, update.pose_covariance)
-    np.testing.assert_allclose(frame.T_odom_camera, update.T_odom_base @ T_BODY_CAMERA, atol=1e-9)
+    np.testing.assert_allclose(frame.T_odom_camera, update.T_odom_base @ T_BASE_CAMERA, atol=1e-9)
     assert frame.stamp_s == pytest.approx(update.stamp_s, abs=1e-9)
 
 
@@ -106,11 +112,24 @@ def test_points_lie_where_the_pose_says(client: FrameClient, robot: Robot) -> No
         cloud = next(client.points(timeout_s=60.0))
         wait_until(lambda: cloud.seq in publishing.updates)
     update = publishing.updates[cloud.seq]
-    T = update.T_odom_base @ T_BODY_CAMERA
+    T = update.T_odom_base @ T_BASE_CAMERA
     expected = cloud.xyz_m.astype(float) @ T[:3, :3].T + T[:3, 3]
     np.testing.assert_allclose(cloud.xyz_odom_m, expected, atol=1e-6)
     assert cloud.rgb.shape == cloud.xyz_m.shape
     assert len(cloud.xyz_m) == np.count_nonzero(update.frame.depth_raw[::2, ::2])
+
+
+def test_a_scan_has_directions_and_the_nearest_obstacles(client: FrameClient, robot: Robot) -> None:
+    with Publishing(robot) as publishing:
+        scan = next(client.scans(timeout_s=60.0))
+        wait_until(lambda: scan.seq in publishing.updates)
+    update = publishing.updates[scan.seq]
+    scanner = RobotScanner(ScanConfig(), T_BASE_CAMERA)
+    angles, ranges_m = scanner.scan(update.frame, update.T_odom_base)
+    np.testing.assert_array_equal(scan.ranges_m, ranges_m)
+    assert scan.angles_rad[[0, -1]] == pytest.approx(
+        [angles.first_rad, angles.first_rad + (angles.bins - 1) * angles.step_rad], abs=1e-5
+    )
 
 
 def test_a_slow_reader_gets_the_newest_frame(client: FrameClient, robot: Robot) -> None:

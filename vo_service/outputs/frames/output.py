@@ -2,7 +2,7 @@
 
 import logging
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -12,7 +12,8 @@ import zenoh.shm
 from drivers.core.geometry import Array
 from drivers.core.queues import DropOldestQueue, WorkerThread
 from drivers.core.rate_limits import Throttle
-from vo_service.config_tables import FramesConfig, Ros2Config, ZenohConfig
+from vo_service.config_tables import FramesConfig, Ros2Config, ScanConfig, ZenohConfig
+from vo_service.navigation.robot_scan import RobotScanner
 from vo_service.outputs.zenoh.addresses import endpoints_without_roles
 from vo_service.types.messages import frame_attachment
 from vo_service.types.odometry_update import OdometryUpdate
@@ -22,7 +23,7 @@ if TYPE_CHECKING:  # loaded only if it is enabled
     from vo_service.outputs.frames.ros2 import RosFrames
 from vo_service.outputs.frames.publishers import FrameKeyPublisher, FrameTopicPublisher
 from vo_service.outputs.frames.shared_payloads import SharedPayloads
-from vo_service.outputs.frames.topics import FrameTopic, make_topics
+from vo_service.outputs.frames.topics import FrameTopic, make_scan_topic, make_topics
 
 logger = logging.getLogger(__name__)
 
@@ -34,6 +35,7 @@ class FrameOutputConfig:
     Attributes:
         prefix: Prefix of the keys.
         frames: Rate, coding and frame of the camera.
+        scan: Heights and ranges of the scan.
         T_base_camera: 4x4 pose of the optical camera in the base.
         base_frame_id: Frame of the base, for ROS 2.
         ros2: Topics for ROS 2.
@@ -43,6 +45,7 @@ class FrameOutputConfig:
     frames: FramesConfig
     T_base_camera: Array
     base_frame_id: str = "base_link"
+    scan: ScanConfig = ScanConfig()  # noqa: RUF009 (frozen)
     ros2: Ros2Config = Ros2Config()  # noqa: RUF009 (frozen)
 
 
@@ -60,7 +63,12 @@ class FrameOutput(OutputBase):
 
     def __init__(self, config: FrameOutputConfig) -> None:
         self._config = config
-        self._topics = make_topics(config.frames)
+        self._has_images = config.frames.enabled is not False
+        self._topics = make_topics(config.frames) if self._has_images else []
+        self._scanner: RobotScanner | None = None
+        if config.scan.enabled is not False:
+            self._scanner = _open_scanner(config)
+            self._topics[1:1] = [make_scan_topic(config.scan, self._scanner)]
         self._publishers: list[FrameTopicPublisher] = []
         self._ros2: RosFrames | None = None
         self._shared_payloads = SharedPayloads()
@@ -78,9 +86,15 @@ class FrameOutput(OutputBase):
         self._publishers = [
             FrameTopicPublisher(topic, self._declare_keys(session, topic)) for topic in self._topics
         ]
-        if self._ros2 is not None:
+        if self._ros2 is None:
+            return
+        if self._has_images:
             self._ros2.declare_transform(
                 config.base_frame_id, config.frames.frame_id, config.T_base_camera
+            )
+        if self._scanner is not None:
+            self._ros2.declare_transform(
+                config.base_frame_id, config.scan.frame_id, self._scanner.T_base_scan
             )
 
     def _declare_keys(self, session: zenoh.Session, topic: FrameTopic) -> list[FrameKeyPublisher]:
@@ -117,6 +131,11 @@ class FrameOutput(OutputBase):
         if is_wanted and self._throttle.allow(update.stamp_s):
             self._worker.put(update)
 
+    def warn_of_mounting(self) -> None:
+        """Log what is wrong with the camera's mounting for the scan."""
+        if self._scanner is not None:
+            self._scanner.warn()
+
     def close(self) -> None:
         """Send the frame that waits."""
         self._worker.close(CLOSE_TIMEOUT_S)
@@ -133,20 +152,39 @@ class FrameOutput(OutputBase):
         self.warning = ""
 
 
+def _open_scanner(config: FrameOutputConfig) -> RobotScanner:
+    """Open the scanner with its kernels."""
+    RobotScanner.warm_up()
+    return RobotScanner(config.scan, config.T_base_camera)
+
+
 def open_frame_outputs(config: FrameOutputConfig, zenoh_config: ZenohConfig) -> list[FrameOutput]:
-    """Open the output; return nothing if frames are not to be published.
+    """Open the output; return nothing if neither frames nor the scan are to be published.
 
     Raises:
         InputError: The configuration of Zenoh is not valid.
     """
-    is_enabled = config.frames.enabled
-    if is_enabled is None:
-        exposed = endpoints_without_roles(zenoh_config)
-        is_enabled = not exposed
-        if exposed:
-            logger.warning(
-                "frames: not published: anyone in the network could see them at %s; set "
-                "frames.enabled, or see docs/guide/remote-access.md",
-                ", ".join(exposed),
-            )
-    return [FrameOutput(config)] if is_enabled else []
+    has_images, has_scan = config.frames.enabled, config.scan.enabled
+    exposed = endpoints_without_roles(zenoh_config) if has_images is None else []
+    if exposed:
+        logger.warning(
+            "frames: not published: anyone in the network could see them at %s; set "
+            "frames.enabled, or see docs/guide/remote-access.md",
+            ", ".join(exposed),
+        )
+    if has_images is None:
+        has_images = not exposed
+    if has_scan is None:
+        has_scan = has_images
+    if not has_images and not has_scan:
+        return []
+    output = FrameOutput(
+        replace(
+            config,
+            frames=replace(config.frames, enabled=has_images),
+            scan=replace(config.scan, enabled=has_scan),
+        )
+    )
+    if config.scan.enabled:  # the user asks for it; else a subscriber does
+        output.warn_of_mounting()
+    return [output]

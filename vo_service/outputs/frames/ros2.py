@@ -49,12 +49,13 @@ class RosFrames:
         """Declare the keys of a topic, and its token; nothing if it is not for ROS.
 
         Args:
-            name: The topic below the namespace; "" if it is not for ROS.
+            name: The topic below the namespace, or with a first slash; "" = it is not for ROS.
         """
         number = self._take_number()
         if not name:
             return []
-        topic = RosTopic(f"{self._ros2.namespace}/{name}", ros_type(schema), DEPTH)
+        path = name[1:] if name.startswith("/") else f"{self._ros2.namespace}/{name}"
+        topic = RosTopic(path, ros_type(schema), DEPTH)
         token = self._node.publisher_token(number, topic)
         publishers = [
             declare_key(topic.bridge_key, lambda own: own),

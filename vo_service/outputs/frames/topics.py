@@ -10,14 +10,18 @@ from drivers.ros_messages.sensors import (
     COMPRESSED_IMAGE_SCHEMA,
     IMAGE_SCHEMA,
     IMU_SCHEMA,
+    LASER_SCAN_SCHEMA,
     POINT_CLOUD_SCHEMA,
+    LaserScanMessage,
     encode_camera_info,
     encode_compressed_image,
     encode_image,
     encode_imu,
+    encode_laser_scan,
     encode_point_cloud,
 )
-from vo_service.config_tables import FramesConfig
+from vo_service.config_tables import FramesConfig, ScanConfig
+from vo_service.navigation.robot_scan import RobotScanner
 from vo_service.types.messages import timing_payload
 from vo_service.types.odometry_update import OdometryUpdate
 
@@ -25,6 +29,8 @@ if TYPE_CHECKING:  # loaded only if it is enabled
     pass
 from vo_service.outputs.frames.frame_messages import FrameMessages
 
+# After a longer pause, the time between two scans is unknown.
+MAX_SCAN_TIME_S = 1.0
 # Makes the payloads of an update, usually one.
 Encoder = Callable[[OdometryUpdate], Sequence[bytes]]
 
@@ -35,7 +41,7 @@ class FrameTopic:
 
     Attributes:
         name: Key below the prefix.
-        ros_name: Topic below the ROS namespace; "" if it is not published for ROS.
+        ros_name: Topic for ROS: below the namespace, or with a first slash; "" = none.
         schema: Type of the message; "" for JSON.
         encode: Makes the payloads.
     """
@@ -103,3 +109,35 @@ class ImuEncoder:
         messages = FrameMessages(update.frame, update.stamp_s, self._frame_id)
         readings = self._new_readings.take(update.frame.accelerometer)
         return [encode_imu(messages.imu(reading)) for reading in readings]
+
+
+class ScanEncoder:
+    """Encodes the scan of each frame."""
+
+    def __init__(self, config: ScanConfig, scanner: RobotScanner) -> None:
+        self._config, self._scanner = config, scanner
+        self._last_stamp_s = 0.0
+
+    def __call__(self, update: OdometryUpdate) -> list[bytes]:
+        """Scan a frame and encode it."""
+        self._scanner.warn()  # somebody wants it, so that its faults matter
+        return [encode_laser_scan(self._scan(update))]
+
+    def _scan(self, update: OdometryUpdate) -> LaserScanMessage:
+        angles, ranges_m = self._scanner.scan(update.frame, update.T_odom_base)
+        interval_s, self._last_stamp_s = update.stamp_s - self._last_stamp_s, update.stamp_s
+        return LaserScanMessage(
+            stamp_s=update.stamp_s,
+            frame_id=self._config.frame_id,
+            angle_min_rad=angles.first_rad,
+            angle_increment_rad=angles.step_rad,
+            scan_time_s=interval_s if 0.0 < interval_s < MAX_SCAN_TIME_S else 0.0,
+            range_min_m=self._config.range_min_m,
+            range_max_m=self._config.range_max_m,
+            ranges_m=ranges_m,
+        )
+
+
+def make_scan_topic(config: ScanConfig, scanner: RobotScanner) -> FrameTopic:
+    """Make the topic of the scan. Its name for ROS is the usual one, outside of the namespace."""
+    return FrameTopic("scan", "/scan", LASER_SCAN_SCHEMA, ScanEncoder(config, scanner))

@@ -16,6 +16,7 @@ import zenoh.ext
 
 from drivers.core import InputError
 from drivers.ros_messages.navigation import (
+    OCCUPANCY_GRID_SCHEMA,
     ODOMETRY_SCHEMA,
     TRANSFORMS_SCHEMA,
     TransformMessage,
@@ -26,6 +27,7 @@ from drivers.ros_messages.sensors import (
     COMPRESSED_IMAGE_SCHEMA,
     IMAGE_SCHEMA,
     IMU_SCHEMA,
+    LASER_SCAN_SCHEMA,
     POINT_CLOUD_SCHEMA,
 )
 from vo_service.config_tables import Ros2Config
@@ -57,6 +59,8 @@ _HASHES = {
     CAMERA_INFO_SCHEMA: "b3dfd68ff46c9d56c80fd3bd4ed22c7a4ddce8c8348f2f59c299e73118e7e275",
     POINT_CLOUD_SCHEMA: "9198cabf7da3796ae6fe19c4cb3bdd3525492988c70522628af5daa124bae2b5",
     IMU_SCHEMA: "7d9a00ff131080897a5ec7e26e315954b8eae3353c3f995c55faf71574000b5b",
+    LASER_SCAN_SCHEMA: "64c191398013af96509d518dac71d5164f9382553fce5c1f8cca5be7924bd828",
+    OCCUPANCY_GRID_SCHEMA: "8d348150c12913a31ee0ec170fbf25089e4745d17035792a1ba94d6f0bc0cfc7",
 }
 
 

@@ -5,8 +5,10 @@ from contextlib import closing, contextmanager
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from drivers.camera import AccelerometerReading
-from drivers.core.geometry import T_BODY_CAMERA
+from drivers.core.geometry import T_BODY_CAMERA, rigid_transform
 from tests.vo_service.outputs.zenoh.query_helpers import config
 from vo_service.config_tables import FramesConfig, Ros2Config
 from vo_service.outputs.frames.output import FrameOutput, FrameOutputConfig
@@ -15,6 +17,8 @@ from vo_service.outputs.zenoh.session_endpoints import ExtraEndpoints
 from vo_service.types.messages import Status
 from vo_service.types.odometry_update import OdometryUpdate
 
+# On a robot: half a meter above the floor.
+T_BASE_CAMERA = rigid_transform(np.eye(3), (0.1, 0.0, 0.5)) @ T_BODY_CAMERA
 MakeUpdate = Callable[..., OdometryUpdate]
 
 
@@ -29,7 +33,7 @@ class Robot:
         **frames: Any,
     ) -> None:
         settings = FrameOutputConfig(
-            "kinect", FramesConfig(**frames), T_BODY_CAMERA, "base_link", ros2
+            "kinect", FramesConfig(**frames), T_BASE_CAMERA, "base_link", ros2=ros2
         )
         self.frames = FrameOutput(settings)
         self.poses = ZenohOutput(

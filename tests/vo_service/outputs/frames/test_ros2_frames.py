@@ -13,12 +13,17 @@ import pytest
 import zenoh
 import zenoh.ext
 
-from drivers.core.geometry import T_BODY_CAMERA, transform_from_pose
+from drivers.core.geometry import rigid_transform, transform_from_pose
 from drivers.ros_messages.cdr import split_stamp
 from drivers.ros_messages.navigation import TRANSFORMS_SCHEMA
 from tests.ports import free_port
 from tests.vo_service.outputs.conftest import make_update
-from tests.vo_service.outputs.frames.frame_robot import MakeUpdate, Robot, running_robot
+from tests.vo_service.outputs.frames.frame_robot import (
+    T_BASE_CAMERA,
+    MakeUpdate,
+    Robot,
+    running_robot,
+)
 from tests.vo_service.outputs.zenoh.ros_node import ROS, RosReader, receive_tokens, ros_node
 from tests.waiting import wait_until
 from vo_service.config_tables import Ros2Config
@@ -37,6 +42,7 @@ TOPICS = {
     "camera/depth_registered/camera_info": "sensor_msgs/msg/CameraInfo",
     "camera/depth_registered/points": "sensor_msgs/msg/PointCloud2",
     "camera/imu": "sensor_msgs/msg/Imu",
+    "scan": "sensor_msgs/msg/LaserScan",
 }
 
 
@@ -79,7 +85,8 @@ def test_a_node_receives_every_topic_with_one_stamp_and_frame(
         payload = samples[rmw_key(topic)].payload.to_bytes()
         message: Any = ROS.deserialize_cdr(payload, schema)
         headers.append(message.header)
-    assert {header.frame_id for header in headers} == {"camera_rgb_optical_frame"}
+    frame_ids = [header.frame_id for header in headers]
+    assert frame_ids == [*["camera_rgb_optical_frame"] * (len(TOPICS) - 1), "camera_scan"]
     assert len({(header.stamp.sec, header.stamp.nanosec) for header in headers}) == 1
     assert headers[0].stamp.nanosec == split_stamp(robot._make_update(0).stamp_s)[1]
 
@@ -99,8 +106,8 @@ def test_the_bridge_receives_every_topic_under_its_name(robot: Robot, node: zeno
 
 
 def test_a_node_discovers_every_topic_with_its_type(robot: Robot, node: zenoh.Session) -> None:
-    # the node, odometry, /tf, /tf_static and the topics of the frames
-    tokens = receive_tokens(node, 0, 4 + len(TOPICS))
+    # the node, odometry, /tf, /tf_static twice and the topics of the frames
+    tokens = receive_tokens(node, 0, 5 + len(TOPICS))
     for topic, schema in TOPICS.items():
         kind, name = ros_type(schema), "%" + topic.replace("/", "%")
         assert ("MP", f"{name}/{kind.dds_name}/{kind.hash}/::,1:,:,:,,") in tokens
@@ -128,11 +135,14 @@ def test_another_implementation_discovers_and_receives_every_topic(
         wait_until(lambda: all(robot.is_wanted(topic.name) for topic in robot.frames._topics[1:]))
         robot.publish()
         lines = {reader.stdout.readline() for _ in names}
-        assert lines == {f"{name} camera_rgb_optical_frame\n" for name in names}
+        frame_ids = {"/scan": "camera_scan"}
+        assert lines == {
+            f"{name} {frame_ids.get(name, 'camera_rgb_optical_frame')}\n" for name in names
+        }
         reader.communicate("")
 
 
-def test_a_late_node_gets_the_static_transform(robot: Robot, node: zenoh.Session) -> None:
+def test_a_late_node_gets_the_static_transforms(robot: Robot, node: zenoh.Session) -> None:
     payloads: list[bytes] = []
     subscriber = zenoh.ext.declare_advanced_subscriber(
         node,
@@ -141,15 +151,22 @@ def test_a_late_node_gets_the_static_transform(robot: Robot, node: zenoh.Session
         history=zenoh.ext.HistoryConfig(detect_late_publishers=True),
     )
     bridge = RosReader(node, "tf_static")
-    wait_until(lambda: bool(payloads))
-    for payload in (payloads[0], bridge.first(1)[0].payload.to_bytes()):
-        message: Any = ROS.deserialize_cdr(payload, TRANSFORMS_SCHEMA)
-        (stamped,) = message.transforms
-        assert stamped.header.frame_id == "base_link"
-        assert stamped.child_frame_id == "camera_rgb_optical_frame"
-        q, t = stamped.transform.rotation, stamped.transform.translation
-        T_base_camera = transform_from_pose((t.x, t.y, t.z), (q.x, q.y, q.z, q.w))
-        np.testing.assert_allclose(T_base_camera, T_BODY_CAMERA, atol=1e-12)
+    wait_until(lambda: len(payloads) == 2)
+    for received in (payloads, [sample.payload.to_bytes() for sample in bridge.first(2)]):
+        transforms = {}
+        for payload in received:
+            message: Any = ROS.deserialize_cdr(payload, TRANSFORMS_SCHEMA)
+            (stamped,) = message.transforms
+            assert stamped.header.frame_id == "base_link"
+            q, t = stamped.transform.rotation, stamped.transform.translation
+            T_base_child = transform_from_pose((t.x, t.y, t.z), (q.x, q.y, q.z, q.w))
+            transforms[stamped.child_frame_id] = T_base_child
+        assert transforms.keys() == {"camera_rgb_optical_frame", "camera_scan"}
+        np.testing.assert_allclose(
+            transforms["camera_rgb_optical_frame"], T_BASE_CAMERA, atol=1e-12
+        )
+        T_base_scan = rigid_transform(np.eye(3), (0.1, 0.0, 0.2))
+        np.testing.assert_allclose(transforms["camera_scan"], T_base_scan, atol=1e-12)
     subscriber.undeclare()  # type: ignore[no-untyped-call]
 
 

@@ -1,0 +1,76 @@
+"""The scan of a configured robot: heights by its mounting, level by its pose."""
+
+import logging
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.camera import PinholeCamera, RgbdFrame
+from drivers.core.geometry import T_BODY_CAMERA, Array
+from vo_service.config_tables import ScanConfig
+from vo_service.navigation.height_limits import height_band, mounting_problem
+from vo_service.navigation.level_view import LevelMounting
+from vo_service.navigation.scan import ScanAngles, Scanner
+
+logger = logging.getLogger(__name__)
+
+# Height of the scan's frame above the floor. A costmap of Nav2 marks no obstacle below its own
+# frame's floor, and none above 0.8 m.
+FRAME_HEIGHT_M = 0.2
+
+
+class RobotScanner:
+    """Makes the scans of a robot.
+
+    Args:
+        config: Heights, ranges and angles.
+        T_base_camera: 4x4 pose of the optical camera in the base, which stands on the floor.
+    """
+
+    def __init__(self, config: ScanConfig, T_base_camera: Array) -> None:
+        self._config = config
+        self._problem = mounting_problem(config, T_base_camera)
+        self._mounting = LevelMounting(T_base_camera)
+        self._scanner = Scanner(np.radians(config.angle_increment_deg))
+
+    @property
+    def T_base_scan(self) -> Array:
+        """4x4 pose of the scan's frame in the base."""
+        return self._mounting.T_base_level(FRAME_HEIGHT_M)
+
+    def scan(self, frame: RgbdFrame, T_odom_base: Array) -> tuple[ScanAngles, NDArray[np.float32]]:
+        """Scan a frame; all is unknown if the camera is not higher than an obstacle.
+
+        Args:
+            T_odom_base: 4x4; its roll and pitch tell what is level.
+
+        Returns:
+            As `Scanner.scan`.
+        """
+        view = self._mounting.view(T_odom_base)
+        band = height_band(self._config, view.height_m, self._config.range_max_m)
+        angles, ranges_m = self._scanner.scan(frame, view, band)
+        if view.height_m <= self._config.min_height_m:
+            ranges_m[:] = np.nan
+        return angles, ranges_m
+
+    def warn(self) -> None:
+        """Log once what is wrong with the mounting."""
+        problem, self._problem = self._problem, ""
+        if problem:
+            logger.warning("scan: %s", problem)
+
+    @staticmethod
+    def warm_up() -> None:
+        """Compile or load the kernels: at their first use, the poses would wait for that."""
+        camera = PinholeCamera(4, 4, 4.0, 4.0, 1.5, 1.5)
+        frame = RgbdFrame(
+            seq=0,
+            stamp_s=0.0,
+            receive_time_s=0.0,
+            color_bgr=np.zeros((4, 4, 3), np.uint8),
+            depth_raw=np.full((4, 4), 1000, np.uint16),
+            depth_factor=1000.0,
+            camera=camera,
+        )
+        RobotScanner(ScanConfig(), T_BODY_CAMERA).scan(frame, np.eye(4))

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from drivers.camera import PosePrior
-from drivers.core.geometry import Array, inverse
+from drivers.core.geometry import Array, inverse, transport_covariance
 from drivers.core.jit import kernel
 from vo_service.odometry.direct.gauss_newton import MotionPrior, velocity_information
 from vo_service.odometry.direct.image_pyramid import HasMeanBrightness, ImagePyramid
@@ -35,6 +35,34 @@ UNKNOWN_VELOCITY_SIGMA = VELOCITY_SIGMA_RANGE[1] * MAX_VELOCITY_SIGMA
 
 
 @dataclass(frozen=True)
+class WheelDrift:
+    """Error of the wheels since the last frame that constrained all six degrees of freedom.
+
+    Attributes:
+        covariance: 6x6 of the pose, as a small motion in the camera's axes.
+        frames: Number of frames since then.
+    """
+
+    covariance: Array
+    frames: int
+
+    def after(self, prior: PosePrior) -> "WheelDrift":
+        """Return the drift after the motion to the next frame.
+
+        The errors of wheels have one sign, so standard deviations add up, and not variances.
+        """
+        frames = self.frames + 1
+        step = np.asarray(np.linalg.inv(prior.information - prior.floor_information), np.float64)
+        if self.frames == 0:
+            return WheelDrift(step, frames)
+        before = transport_covariance(self.covariance, prior.T_last_camera)
+        return WheelDrift(frames / self.frames * before + frames * step, frames)
+
+
+NO_DRIFT = WheelDrift(np.zeros((6, 6)), 0)
+
+
+@dataclass(frozen=True)
 class MotionState:
     """State of the camera at the last good frame.
 
@@ -51,6 +79,7 @@ class MotionState:
         well_constrained_stamp_s: Stamp of the last frame that constrained all six degrees of
             freedom.
         pose_prior: What else tells of the motion to the next frame; None = nothing.
+        drift: Of wheels, since `well_constrained_stamp_s`.
     """
 
     T_world_camera: Array
@@ -62,6 +91,7 @@ class MotionState:
     normalized_innovation: float = 0.0
     well_constrained_stamp_s: float = 0.0
     pose_prior: PosePrior | None = None
+    drift: WheelDrift = NO_DRIFT
 
     @classmethod
     def at_rest(cls, T_world_camera: Array, images: ImagePyramid) -> "MotionState":
@@ -160,7 +190,13 @@ class MotionState:
             self.update_velocity_noise(velocity),
             normalized_innovation,
             well_constrained_stamp_s,
+            drift=NO_DRIFT if well_constrained_stamp_s == images.stamp_s else self.next_drift,
         )
+
+    @property
+    def next_drift(self) -> WheelDrift:
+        """Drift of the wheels at the next frame."""
+        return self.drift if self.told_motion is None else self.drift.after(self.told_motion)
 
     def predict_gain(self, images: ImagePyramid, keyframe: HasMeanBrightness) -> float:
         """Initial gain: the last one; the ratio of the brightness if that has changed at once."""

@@ -87,13 +87,10 @@ def fuse_with_prediction(
 
 def information_of_prediction(motion_state: MotionState, stamp_s: float) -> Array:
     """6x6 information of the predicted pose where views have constrained too little for a while."""
+    if motion_state.told_motion is not None:
+        of_wheels = np.linalg.inv(motion_state.next_drift.covariance)
+        return of_wheels + motion_state.told_motion.floor_information
     unconstrained_s = stamp_s - motion_state.well_constrained_stamp_s
-    prior = motion_state.told_motion
-    if prior is not None:
-        # The errors of wheels add up, as they have one sign.
-        num_frames = max(unconstrained_s / max(stamp_s - motion_state.stamp_s, 1e-3), 1.0)
-        of_wheels = prior.information - prior.floor_information
-        return of_wheels / num_frames**2 + prior.floor_information
     sigma_rate = np.clip(motion_state.velocity_noise, MAX_VELOCITY_SIGMA, UNKNOWN_VELOCITY_SIGMA)
     return np.diag(np.repeat((unconstrained_s * sigma_rate) ** -2.0, 3))
 

@@ -3,14 +3,21 @@
 import logging
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, is_dataclass
 from pathlib import Path
 from typing import Annotated
 
 from drivers.camera import PinholeCamera, TimingPrior, TimingSource
 from drivers.camera_yaml import YAML_SUFFIXES, read_camera_yaml
 from drivers.core import InputError
-from drivers.core.config import SCHEMA_VERSION, Field, FieldError, build_dataclass, read_toml
+from drivers.core.config import (
+    SCHEMA_VERSION,
+    Field,
+    FieldError,
+    build_dataclass,
+    read_toml,
+    typed_fields,
+)
 from drivers.core.geometry import Array, transform_from_pose
 from drivers.plausibility import find_intrinsics_error
 
@@ -286,45 +293,22 @@ def check_intrinsics(calibration: CameraCalibration) -> None:
 
 def format_calibration(calibration: CameraCalibration) -> str:
     """Format a camera file; `read_calibration` gives back exactly the same numbers."""
-    return _format_color(calibration) + (
-        "" if calibration.depth is None else _format_depth(calibration.depth)
-    )
+    text, depth = f"schema = {SCHEMA_VERSION}\n{_format_table(calibration)}", calibration.depth
+    if depth is not None:
+        text += (
+            f"\n[depth]\n{_format_table(depth)}"
+            "\n[depth.T_color_depth]  # maps depth camera coordinates to the color camera\n"
+            f"{_format_table(depth.T_color_depth)}"
+        )
+    return text
 
 
-def _format_depth(depth: DepthCameraCalibration) -> str:
-    return (
-        "\n[depth]\n"
-        f"width = {depth.width}\n"
-        f"height = {depth.height}\n"
-        f"fx = {depth.fx!r}\n"
-        f"fy = {depth.fy!r}\n"
-        f"cx = {depth.cx!r}\n"
-        f"cy = {depth.cy!r}\n"
-        f"distortion = {list(depth.distortion)!r}\n"
-        f"scale = {depth.scale!r}  # true distance per distance read\n"
-        "\n[depth.T_color_depth]  # maps depth camera coordinates to the color camera\n"
-        f"translation_m = {list(depth.T_color_depth.translation_m)!r}\n"
-        f"quaternion_xyzw = {list(depth.T_color_depth.quaternion_xyzw)!r}\n"
-    )
-
-
-def _format_color(calibration: CameraCalibration) -> str:
-    return (
-        f"schema = {SCHEMA_VERSION}\n"
-        f"width = {calibration.width}\n"
-        f"height = {calibration.height}\n"
-        f"fx = {calibration.fx!r}\n"
-        f"fy = {calibration.fy!r}\n"
-        f"cx = {calibration.cx!r}\n"
-        f"cy = {calibration.cy!r}\n"
-        f"distortion = {list(calibration.distortion)!r}  # k1 k2 p1 p2 k3\n"
-        f"depth_factor = {calibration.depth_factor!r}  # depth image value of one meter\n"
-        f"readout_s = {calibration.readout_s!r}  # rolling shutter: first row to last\n"
-        f"depth_offset_s = {calibration.depth_offset_s!r}  # depth capture time minus its stamp\n"
-        + _format_sigma("readout_sigma_s", calibration.readout_sigma_s)
-        + _format_sigma("depth_offset_sigma_s", calibration.depth_offset_sigma_s)
-    )
-
-
-def _format_sigma(key: str, sigma_s: float | None) -> str:
-    return "" if sigma_s is None else f"{key} = {sigma_s!r}\n"
+def _format_table(table: object) -> str:
+    """Format the values of a dataclass with their descriptions; not the tables in it."""
+    lines = []
+    for field in typed_fields(type(table)):
+        value = getattr(table, field.name)
+        if value is not None and not is_dataclass(value):
+            number = list(value) if isinstance(value, tuple) else value
+            lines.append(f"{field.name} = {number!r}  # {field.spec.description}\n")
+    return "".join(lines)

@@ -7,7 +7,7 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
-from drivers.bag.bag_file import TF_MESSAGE_TYPES, BagFile, Message
+from drivers.bag.bag_file import TF_MESSAGE_TYPES, BagFile, Message, stamp_ns_of
 from drivers.bag.calibration import TransformTree
 from drivers.bag.image_messages import (
     IMAGE_TYPES,
@@ -15,7 +15,6 @@ from drivers.bag.image_messages import (
     MessageCursor,
     MessageKey,
     number_messages,
-    stamp_ns_of,
 )
 from drivers.core import InputError
 from drivers.recording.frame_encoding import FrameStamps

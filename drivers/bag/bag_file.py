@@ -110,6 +110,12 @@ class BagFile(ABC):
         self.close()
 
 
+def stamp_ns_of(decoded: Any, log_ns: int = 0) -> int:
+    """Return the stamp in a decoded message's header, or its log time if it has none, in ns."""
+    stamp = decoded.header.stamp
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec) or log_ns
+
+
 # The libraries report damage with their own exceptions, and with those of what they call.
 DAMAGE_ERRORS = (Exception,)
 

@@ -20,14 +20,15 @@ from drivers.bag.bag_contents import (
 from drivers.bag.bag_file import open_bag_file
 from drivers.bag.bag_storage import BagStorage
 from drivers.bag.calibration import (
-    CameraModel,
     camera_from_message,
     frame_name,
+    make_depth_camera,
     matrix_from_message,
 )
 from drivers.bag.image_messages import MessageCursor, is_depth_in_meters
 from drivers.bag.pairing import FoundFrames, match_recorded_frames, pair_between_jumps
 from drivers.calibration import (
+    MILLIMETERS_PER_METER,
     CameraCalibration,
     DepthCameraCalibration,
     check_intrinsics,
@@ -44,7 +45,6 @@ from drivers.recording.image_decoding import UnreadableFrameError
 from drivers.recording.recorded_frames import RecordedFrames
 from drivers.recording.recording import BagTopicsInUse, ImageTopics, Recording
 
-MILLIMETER_DEPTH_FACTOR = 1000.0
 # Depth in meters is rounded to 0.2 mm, as the TUM benchmark does.
 METER_DEPTH_FACTOR = 5000.0
 # The intrinsics that drivers report for a Kinect without calibration.
@@ -168,7 +168,7 @@ class _BagReader:
     def _find_calibration(self) -> tuple[CameraCalibration, str]:
         """Return the color camera, and where it comes from."""
         in_meters = is_depth_in_meters(self.contents.depth.first)
-        factor = METER_DEPTH_FACTOR if in_meters else MILLIMETER_DEPTH_FACTOR
+        factor = METER_DEPTH_FACTOR if in_meters else MILLIMETERS_PER_METER
         if self.camera_file is not None:
             return read_calibration(self.camera_file, factor), str(self.camera_file)
         if self.contents.camera_file:
@@ -178,11 +178,11 @@ class _BagReader:
             return calibration, self.topics.camera_file
         model = self._camera_model(self.topics.color_info, self.topics.color)
         known = find_benchmark_calibration(self.path)
-        if known is not None and model.intrinsics[0] == DEFAULT_FOCAL_LENGTH_PX:
+        if known is not None and model.fx == DEFAULT_FOCAL_LENGTH_PX:
             return known, "of the benchmark, by the file's name"
-        return model.color_calibration(factor), self.topics.color_info
+        return replace(model, depth_factor=factor), self.topics.color_info
 
-    def _camera_model(self, info_topic: str, image_topic: str) -> CameraModel:
+    def _camera_model(self, info_topic: str, image_topic: str) -> CameraCalibration:
         info = self.contents.infos.get(info_topic)
         if info is None:
             raise InputError(
@@ -214,7 +214,7 @@ class _BagReader:
                 "recorded; record registered depth, or give a camera file with [depth]"
             )
         model = self._camera_model(self.topics.depth_info, self.topics.depth)
-        return model.depth_calibration(T_color_depth)
+        return make_depth_camera(model, T_color_depth)
 
     def _find_depth_camera_without_frame(
         self, calibration: CameraCalibration, depth_frame: str
@@ -228,7 +228,7 @@ class _BagReader:
             return None
         color = self._camera_model(topics.color_info, topics.color)
         depth = self._camera_model(topics.depth_info, topics.depth)
-        difference = np.abs(np.subtract(color.intrinsics, depth.intrinsics)).max()
+        difference = np.abs(color.pinhole.K - depth.pinhole.K).max()
         # Images of another size are refused when the first frame is loaded.
         is_same_size = (color.width, color.height) == (depth.width, depth.height)
         if not is_same_size or difference <= MAX_SAME_CAMERA_DIFFERENCE * color.width:
@@ -236,9 +236,9 @@ class _BagReader:
         if self._has_camera_file:
             return calibration.depth
         raise InputError(
-            f"{self.path}: {topics.depth_info} has fx = {depth.intrinsics[0]:g}, cx = "
-            f"{depth.intrinsics[2]:g}, but {topics.color_info} has fx = {color.intrinsics[0]:g}, "
-            f"cx = {color.intrinsics[2]:g}: depth is not registered to color, and its frame "
+            f"{self.path}: {topics.depth_info} has fx = {depth.fx:g}, cx = "
+            f"{depth.cx:g}, but {topics.color_info} has fx = {color.fx:g}, "
+            f"cx = {color.cx:g}: depth is not registered to color, and its frame "
             f'"{depth_frame}" does not tell where its camera is; record registered depth, or give '
             "--camera-file FILE, with a table [depth] unless depth is registered"
         )

@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
+from drivers.bag.bag_file import stamp_ns_of
 from drivers.calibration import (
+    MILLIMETERS_PER_METER,
     NO_DISTORTION,
     CameraCalibration,
     DepthCameraCalibration,
-    Distortion,
     RigidTransform,
 )
-from drivers.camera import PinholeCamera
 from drivers.core import InputError
 from drivers.core.geometry import (
     Array,
@@ -29,41 +29,8 @@ from drivers.core.geometry import (
 from drivers.plausibility import find_intrinsics_error
 
 
-@dataclass(frozen=True)
-class CameraModel:
-    """Intrinsics of one topic: size in pixels, fx, fy, cx, cy and distortion."""
-
-    width: int
-    height: int
-    intrinsics: tuple[float, float, float, float]
-    distortion: Distortion
-
-    @property
-    def pinhole(self) -> PinholeCamera:
-        """The intrinsics without the distortion."""
-        return PinholeCamera(self.width, self.height, *self.intrinsics)
-
-    def color_calibration(self, depth_factor: float) -> CameraCalibration:
-        """Make the calibration; the timing is not known."""
-        return CameraCalibration(
-            self.width, self.height, *self.intrinsics, self.distortion, depth_factor
-        )
-
-    def depth_calibration(self, T_color_depth: Array) -> DepthCameraCalibration:
-        """Make the depth camera, with its pose relative to the color camera."""
-        x, y, z = T_color_depth[:3, 3].tolist()
-        qx, qy, qz, qw = quaternion_from_rotation(T_color_depth[:3, :3]).tolist()
-        return DepthCameraCalibration(
-            *self.intrinsics,
-            RigidTransform((x, y, z), (qx, qy, qz, qw)),
-            self.distortion,
-            self.width,
-            self.height,
-        )
-
-
-def camera_from_message(info: Any, is_rectified: bool, location: str) -> CameraModel:
-    """Convert a CameraInfo.
+def camera_from_message(info: Any, is_rectified: bool, location: str) -> CameraCalibration:
+    """Convert a CameraInfo, which tells neither the timing nor the unit of depth.
 
     Args:
         info: The message, of ROS 1 or ROS 2.
@@ -91,12 +58,26 @@ def camera_from_message(info: Any, is_rectified: bool, location: str) -> CameraM
             )
         k1, k2, p1, p2, k3 = [*D, 0.0, 0.0, 0.0, 0.0, 0.0][:5]
         distortion = (k1, k2, p1, p2, k3)
-    model = CameraModel(int(info.width), int(info.height), (fx, fy, cx, cy), distortion)
-    if (error := find_intrinsics_error(model.pinhole)) is not None:
+    size = int(info.width), int(info.height)
+    camera = CameraCalibration(*size, fx, fy, cx, cy, distortion, MILLIMETERS_PER_METER)
+    if (error := find_intrinsics_error(camera.pinhole)) is not None:
         raise InputError(
             f"{location}: {error[0]} = {error[1]}; --camera-file FILE replaces the topic"
         )
-    return model
+    return camera
+
+
+def make_depth_camera(camera: CameraCalibration, T_color_depth: Array) -> DepthCameraCalibration:
+    """Make the depth camera from its CameraInfo and its pose relative to the color camera."""
+    x, y, z = T_color_depth[:3, 3].tolist()
+    qx, qy, qz, qw = quaternion_from_rotation(T_color_depth[:3, :3]).tolist()
+    return DepthCameraCalibration(
+        *(camera.fx, camera.fy, camera.cx, camera.cy),
+        RigidTransform((x, y, z), (qx, qy, qz, qw)),
+        camera.distortion,
+        camera.width,
+        camera.height,
+    )
 
 
 def _find_fault(info: Any, intrinsics: Sequence[float], D: list[float], matrix: str) -> str:
@@ -172,9 +153,7 @@ class TransformTree:
                 continue
             parent, child = frame_name(each.header.frame_id), frame_name(each.child_frame_id)
             edge = self._edges[child].setdefault(parent, _Edge(parent))
-            stamp = each.header.stamp
-            ns = Decimal(int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec))
-            edge.stamps_s.append(float(ns.scaleb(-9)))
+            edge.stamps_s.append(float(Decimal(stamp_ns_of(each)).scaleb(-9)))
             edge.T_parent_child.append(T)
 
     def constant_transform(self, to_frame: str, from_frame: str) -> Array | None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from drivers.bag.bag_contents import COMPRESSED_PARTS, OWN_IMAGES, format_frame_stamps, to_ns
 from drivers.bag.bag_writer import BagWriter, EncodedMessage
-from drivers.calibration import CameraCalibration, format_calibration
+from drivers.calibration import MILLIMETERS_PER_METER, CameraCalibration, format_calibration
 from drivers.core import InputError
 from drivers.core.bounded_trajectory import SampledPath
 from drivers.core.geometry import Array, Vector, inverse
@@ -24,8 +24,6 @@ IMU_TOPIC = "/imu"
 CAMERA_FRAME = "camera_rgb_optical_frame"
 BASE_FRAME = "base_link"
 WORLD_FRAME = "world"
-# ROS defines 16-bit depth as millimeters. Depth in other units is written in meters.
-MILLIMETER_DEPTH_FACTOR = 1000.0
 MAX_STAMP_S = 2**31  # of ROS 2
 # The topics that frames are written to.
 FRAME_TOPICS = frozenset(
@@ -98,7 +96,8 @@ class FrameWriter(RecordingSink):
     def _write_depth(self, stamp: Decimal, depth: bytes | DepthImage, logged: Decimal) -> None:
         factor, topic = self._calibration.depth_factor, f"{NAMESPACE}/depth_registered/image"
         frame = self._camera_frame
-        if factor != MILLIMETER_DEPTH_FACTOR:
+        # ROS defines 16-bit depth as millimeters. Depth in other units is written in meters.
+        if factor != MILLIMETERS_PER_METER:
             meters = np.divide(_decoded(depth), np.float32(factor), dtype=np.float32)
             self._write_raw(topic, RawImageMessage(stamp, frame, "32FC1", meters), logged)
         elif self._writer.is_for_viewers:  # which read no compressed depth

@@ -318,9 +318,3 @@ def _decode_rvl(data: bytes, name: str) -> DepthImage:
         return decode_rvl(data[RVL_SIZE.size :], height, width)
     except (ValueError, struct.error) as error:
         raise UnreadableFrameError(f"{name}: is no depth image in RVL: {error}") from error
-
-
-def stamp_ns_of(message: Any, log_ns: int) -> int:
-    """Return a message's stamp, or its log time if it has none, in ns."""
-    stamp = message.header.stamp
-    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec) or log_ns

@@ -57,5 +57,4 @@ def _read_numbers(data: bytes) -> NDArray[np.int64]:
         raise ValueError("the data are damaged")
     digits = (nibbles[: ends[-1] + 1] & 7).astype(np.int64)
     places = np.arange(len(digits)) - np.repeat(starts, lengths)
-    numbers: NDArray[np.int64] = np.add.reduceat(digits << 3 * places, starts)
-    return numbers
+    return np.add.reduceat(digits << 3 * places, starts)

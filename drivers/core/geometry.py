@@ -122,8 +122,7 @@ def adjoint(T: Array) -> Array:
 def transport_covariance(covariance: Array, T_reference_camera: Array) -> Array:
     """Transport a motion's covariance (..., 6, 6) from the reference's axes to the camera's."""
     Ad = adjoint(inverse(T_reference_camera))
-    in_camera: Array = Ad @ covariance @ Ad.T
-    return in_camera
+    return Ad @ covariance @ Ad.T
 
 
 def rotation_from_quaternion(quaternion_xyzw: ArrayLike) -> Array:
@@ -182,8 +181,7 @@ def so3_log(R: Array) -> Array:
     sine = float(np.linalg.norm(q[:3]))
     half_angle = float(np.arctan2(sine, q[3]))
     scale = 2.0 if sine < 1e-12 else 2.0 * half_angle / sine
-    vector: Array = scale * q[:3]
-    return vector
+    return scale * q[:3]
 
 
 def transform_from_pose(position_m: ArrayLike, quaternion_xyzw: ArrayLike) -> Array:

@@ -50,8 +50,7 @@ def _decode_color(frame: OniFrame) -> NDArray[np.uint8]:
 
 
 def _decode_depth(frame: OniFrame) -> NDArray[np.uint16]:
-    depth: NDArray[np.uint16] = _pixels(frame, 2).view(np.uint16)[..., 0].copy()
-    return depth
+    return _pixels(frame, 2).view(np.uint16)[..., 0].copy()
 
 
 def _pixels(frame: OniFrame, channels: int) -> NDArray[np.uint8]:

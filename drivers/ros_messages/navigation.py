@@ -41,8 +41,7 @@ class OdometryMessage:
     @property
     def position_m(self) -> Array:
         """(3,) position of the child frame, meters."""
-        position: Array = self.T_frame_child[:3, 3]
-        return position
+        return self.T_frame_child[:3, 3]
 
     @property
     def quaternion_xyzw(self) -> Array:
@@ -91,8 +90,7 @@ class TransformMessage:
     @property
     def translation_m(self) -> Array:
         """(3,) position of the child frame, meters."""
-        translation: Array = self.T_frame_child[:3, 3]
-        return translation
+        return self.T_frame_child[:3, 3]
 
     @property
     def quaternion_xyzw(self) -> Array:

@@ -13,22 +13,19 @@ from drivers.core.geometry import Array
 
 def cosine_ramp(progress: Array) -> Array:
     """Ramp from 0 to 1 while `progress` goes from 0 to 1, fastest in the middle."""
-    result: Array = 0.5 - 0.5 * np.cos(np.pi * np.clip(progress, 0.0, 1.0))
-    return result
+    return 0.5 - 0.5 * np.cos(np.pi * np.clip(progress, 0.0, 1.0))
 
 
 def smootherstep(progress: Array) -> Array:
     """Ramp as `cosine_ramp`, without a jump in the acceleration."""
     x = np.clip(progress, 0.0, 1.0)
-    result: Array = x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
-    return result
+    return x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
 
 
 def smootherstep_integral(progress: Array) -> Array:
     """Integral of `smootherstep` from far below 0 up to `progress`."""
     x = np.clip(progress, 0.0, 1.0)
-    result: Array = x**4 * (2.5 - 3.0 * x + x**2) + np.maximum(progress - 1.0, 0.0)
-    return result
+    return x**4 * (2.5 - 3.0 * x + x**2) + np.maximum(progress - 1.0, 0.0)
 
 
 class CubicSpline:
@@ -50,8 +47,7 @@ class CubicSpline:
         b = (times - knots[i])[:, None] / h
         a = 1.0 - b
         bend = (a**3 - a) * self._second[i] + (b**3 - b) * self._second[i + 1]
-        result: Array = a * self._values[i] + b * self._values[i + 1] + bend * h**2 / 6.0
-        return result
+        return a * self._values[i] + b * self._values[i + 1] + bend * h**2 / 6.0
 
 
 def _second_derivatives(knots: Array, values: Array) -> Array:
@@ -80,8 +76,7 @@ class CameraMotion(ABC):
 
     def clearance_points_m(self, times_s: Array) -> Array:
         """World points (M, 3) that furniture must leave free: here the camera's positions."""
-        result: Array = self.poses(times_s)[:, :3, 3]
-        return result
+        return self.poses(times_s)[:, :3, 3]
 
 
 def make_poses(position_m: Array, yaw: Array, down: Array, roll: Array) -> Array:

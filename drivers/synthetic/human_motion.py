@@ -212,13 +212,11 @@ class OrbitMotion(CameraMotion):
         laps = round(self._duration_s / LAP_S)
         phase = 2 * np.pi * times_s / self._duration_s
         uneven = min(PHASE_VARIATION_RAD, self._duration_s / LAP_S)
-        result: Array = self._start_rad + laps * phase + uneven * np.sin(phase)
-        return result
+        return self._start_rad + laps * phase + uneven * np.sin(phase)
 
     def _look_offset_rad(self, times_s: Array, amplitude_rad: float, every_s: float) -> Array:
         times = round(self._duration_s / every_s)
-        result: Array = amplitude_rad * np.sin(2 * np.pi * times * times_s / self._duration_s) ** 3
-        return result
+        return amplitude_rad * np.sin(2 * np.pi * times * times_s / self._duration_s) ** 3
 
 
 TOUR_LAP_S = 30.0
@@ -295,5 +293,4 @@ class TourMotion(CameraMotion):
 
     def _turn_progress(self, times_s: Array) -> Array:
         """Progress (N, reversals, 2) of each time it turns around, 0 to 1 during the turn."""
-        result: Array = (times_s[:, None, None] - self._turn_times_s) / TURN_S + 0.5
-        return result
+        return (times_s[:, None, None] - self._turn_times_s) / TURN_S + 0.5

@@ -51,8 +51,7 @@ def yaw_from_wall(times_s: Array, duration_s: float) -> Array:
     """Angle (N,) to the wall at +y, rad: zero for a third of each period."""
     period_s = duration_s / max(1, round(duration_s / WALL_VIEW_PERIOD_S))
     phase = 0.5 - 0.5 * np.cos(2 * np.pi * times_s / period_s)
-    yaw_rad: Array = LOOK_ASIDE_RAD * (1.0 - smootherstep(2.0 * phase - 0.5))
-    return yaw_rad
+    return LOOK_ASIDE_RAD * (1.0 - smootherstep(2.0 * phase - 0.5))
 
 
 def fast_turns(times_s: Array, duration_s: float) -> Array:
@@ -176,8 +175,7 @@ class RecordedMotion(CameraMotion):
         if not self._loop:
             return times_s
         phase = 2 * np.pi * times_s / self._duration_s
-        result: Array = 0.25 * self._duration_s * (1.0 - np.cos(phase))
-        return result
+        return 0.25 * self._duration_s * (1.0 - np.cos(phase))
 
     def _center(self, room_height_m: float) -> None:
         position_m = self.poses(np.linspace(0.0, self._duration_s, 500))[:, :3, 3]

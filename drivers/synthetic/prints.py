@@ -50,8 +50,7 @@ def picture(detail: float = 1.0) -> TexturePainter:
         for radius in np.sort(radii)[::-1]:
             _draw_leaf(rng, image, radius, palette[rng.integers(len(palette))])
         light = 1.0 + 0.12 * fractal_noise(rng, height, width, max(height, width) / 2, 2.0)
-        result: Paint = image * light[..., None]
-        return result
+        return image * light[..., None]
 
     return paint
 

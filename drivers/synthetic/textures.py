@@ -58,8 +58,7 @@ def _anisotropic_noise(
 
 def tint(color: Color, light: Paint) -> Paint:
     """Multiply a color by a brightness map (H, W): float32 (H, W, 3)."""
-    result: Paint = light[..., None] * np.array(color, dtype=np.float32)
-    return result
+    return light[..., None] * np.array(color, dtype=np.float32)
 
 
 def random_color(
@@ -164,8 +163,7 @@ def bricks(color: Color, brick_m: tuple[float, float] = (0.24, 0.075)) -> Textur
                 burnt = np.array(color) * rng.uniform(0.85, 1.1) + rng.normal(0.0, 4.0, 3)
                 image[top : top + high - joint, max(left, 0) : max(left + long - joint, 0)] = burnt
         light = 1.0 + 0.06 * fractal_noise(rng, height, width, 0.2 / texel_m)
-        result: Paint = image * light[..., None]
-        return result
+        return image * light[..., None]
 
     return paint
 

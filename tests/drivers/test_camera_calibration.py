@@ -111,7 +111,7 @@ DEPTH_TEXT = format_calibration(
 @pytest.mark.parametrize(
     ("old", "new", "line"),
     [
-        ("fx = 580.0", 'fx = "580"', 'camera.toml:16: key `depth.fx`: "580" is the wrong type'),
+        ("fx = 580.0", 'fx = "580"', 'camera.toml:14: key `depth.fx`: "580" is the wrong type'),
         ("scale = 1.0", "scale = 3.0", "camera.toml:21: key `depth.scale`: 3.0 is out of range"),
         ("fy = 579.0", "", "camera.toml:13: key `depth.fy`: is missing; add `fy = ...`"),
         ("scale", "scales", "camera.toml:21: key `depth.scales`: is unknown; did you mean `scale`"),

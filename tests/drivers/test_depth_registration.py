@@ -49,8 +49,7 @@ def rays(camera: PinholeCamera) -> Array:
 def plane_depth_m(camera: PinholeCamera, T_plane_camera: Array, plane: Array) -> Array:
     """Depth of the plane n.X = 1, given as n in its own frame, at every pixel."""
     R, t = T_plane_camera[:3, :3], T_plane_camera[:3, 3]
-    depth_m: Array = (1.0 - plane @ t) / (rays(camera) @ R.T @ plane)
-    return depth_m
+    return (1.0 - plane @ t) / (rays(camera) @ R.T @ plane)
 
 
 def units(depth_m: Array, factor: float = 1000.0) -> NDArray[np.uint16]:

@@ -98,7 +98,9 @@ class RecordRingWriter:
         entries = math.ceil(self._duration_s * MAX_RECORDS_PER_S)
         self._data_offset = _find_data_offset(entries)
         self._max_bytes = max_bytes
-        self._allocated_bytes = self._lap = self._offset = self._count = self._overwritten_until = 0
+        self._lap = self._offset = self._overwritten_until = 0
+        self.record_count = 0  # ever written
+        self.used_bytes = 0  # allocated for records so far
         self._lap_start_s = 0.0
         self.is_limited_by_bytes = False  # `max_bytes`, not `duration_s`, has ended the last lap
         memory_fd = create_shared_memory(name, self._data_offset + max_bytes)
@@ -111,16 +113,6 @@ class RecordRingWriter:
             raise
         self._header = np.frombuffer(self._map, _HEADER_DTYPE, 2)
         self._data = np.frombuffer(self._map, np.uint8, offset=self._data_offset)
-
-    @property
-    def record_count(self) -> int:
-        """The number of records ever written."""
-        return self._count
-
-    @property
-    def used_bytes(self) -> int:
-        """The memory allocated for records so far."""
-        return self._allocated_bytes
 
     def reserve(self, max_bytes: int, time_s: float) -> NDArray[np.uint8]:
         """Return the buffer for the next record.
@@ -152,10 +144,10 @@ class RecordRingWriter:
         """
         end = self._offset + length + len(metadata)
         self._data[end - len(metadata) : end] = np.frombuffer(metadata, np.uint8)
-        entry = _HEADER_SIZE + self._count % self.memory.entries * _ENTRY.size
+        entry = _HEADER_SIZE + self.record_count % self.memory.entries * _ENTRY.size
         position = self._lap * _LAP_STRIDE + self._offset
-        _ENTRY.pack_into(self._map, entry, self._count, position, length, len(metadata))
-        self._count += 1
+        _ENTRY.pack_into(self._map, entry, self.record_count, position, length, len(metadata))
+        self.record_count += 1
         self._offset = end + -end % _ALIGNMENT_BYTES
         # One record ahead, so that a reader knows long before the bytes change.
         is_full = not self._has_room(max_bytes)
@@ -175,20 +167,17 @@ class RecordRingWriter:
     def _has_room(self, max_bytes: int) -> bool:
         """Whether a record fits behind the last one; allocates more memory if needed."""
         end = self._offset + max_bytes
-        if end <= self._allocated_bytes:
+        if end <= self.used_bytes:
             return True
         if end > self._max_bytes:
             return False
-        more = (
-            min(self._max_bytes, max(end, self._allocated_bytes + _GROWTH_BYTES))
-            - self._allocated_bytes
-        )
+        more = min(self._max_bytes, max(end, self.used_bytes + _GROWTH_BYTES)) - self.used_bytes
         try:
             # Allocated explicitly: touching memory that is not available kills the process.
-            os.posix_fallocate(self.memory.fd, self._data_offset + self._allocated_bytes, more)
+            os.posix_fallocate(self.memory.fd, self._data_offset + self.used_bytes, more)
         except OSError:
             return False
-        self._allocated_bytes += more
+        self.used_bytes += more
         return True
 
     def _mark_overwritten(self, until_offset: int) -> None:
@@ -197,7 +186,7 @@ class RecordRingWriter:
         )
         # In this order a reader that sees a record also sees what it overwrites.
         self._header[1] = self._overwritten_until
-        self._header[0] = self._count
+        self._header[0] = self.record_count
 
 
 class RecordRingReader:

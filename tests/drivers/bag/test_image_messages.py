@@ -38,8 +38,7 @@ BAYER = {"rggb": (2, 1, 1, 0), "bggr": (0, 1, 1, 2), "gbrg": (1, 0, 2, 1), "grbg
 def known_image() -> NDArray[np.uint8]:
     """Make a BGR image with a ramp to the right in blue, one downward in green, and much red."""
     v, u = np.mgrid[:HEIGHT, :WIDTH]
-    image: NDArray[np.uint8] = np.dstack([30 + u, 60 + 2 * v, 180 + 0 * u]).astype(np.uint8)
-    return image
+    return np.dstack([30 + u, 60 + 2 * v, 180 + 0 * u]).astype(np.uint8)
 
 
 def to_16_bits(image: NDArray[np.uint8]) -> NDArray[np.uint16]:

@@ -90,8 +90,7 @@ def test_another_seed_gives_another_motion(motion: MotionKind) -> None:
 
 def downward_rad(poses: Array) -> Array:
     """Angle of each view's center below the horizon."""
-    result: Array = np.arcsin(-poses[:, 2, 2])
-    return result
+    return np.arcsin(-poses[:, 2, 2])
 
 
 def test_over_the_floor_it_looks_down_except_for_a_short_look_up_every_ten_seconds() -> None:

@@ -29,8 +29,7 @@ def tour(seconds: float, seed: int = 1) -> tuple[Array, Array]:
 
 def around_rad(poses: Array) -> Array:
     """Unwrapped angle (N,) about the middle of the room."""
-    result: Array = np.unwrap(np.arctan2(poses[:, 1, 3] / 1.8, poses[:, 0, 3] / 2.6))
-    return result
+    return np.unwrap(np.arctan2(poses[:, 1, 3] / 1.8, poses[:, 0, 3] / 2.6))
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

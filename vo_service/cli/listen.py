@@ -3,7 +3,6 @@
 import argparse
 import json
 import math
-import os
 import sys
 from contextlib import closing
 from dataclasses import dataclass
@@ -141,9 +140,10 @@ class ListenRequest(CommandRequest):
 
 
 def run(request: ListenRequest) -> int:
-    """Print until `--count` poses are received, Ctrl-C, or the reader closes the pipe.
+    """Print until `--count` poses are received, or Ctrl-C.
 
     Raises:
+        BrokenPipeError: The reader has closed the pipe.
         InputError: If the prefix or the Zenoh configuration is not valid.
     """
     prefix = check_prefix(request.prefix)
@@ -157,8 +157,6 @@ def run(request: ListenRequest) -> int:
             listener.run()
     except KeyboardInterrupt:
         pass
-    except BrokenPipeError:
-        _discard_buffered_output()
     return 0
 
 
@@ -239,8 +237,3 @@ def _decode_attachment(sample: zenoh.Sample) -> dict[str, Any]:
     """Decode the attachment's JSON; {} without an attachment."""
     content: dict[str, Any] = json.loads(sample.attachment.to_bytes()) if sample.attachment else {}
     return content
-
-
-def _discard_buffered_output() -> None:
-    """Discard the output after the reader has closed the pipe (``| head``): no error at exit."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

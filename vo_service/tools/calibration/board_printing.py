@@ -1,20 +1,18 @@
 """The page of a board, to print at 100 %."""
 
-import io
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from drivers.core.files import atomic_write, check_suffix
 from drivers.core.geometry import Array
-from drivers.core.write_errors import check_output_file
+from vo_service.tools.calibration.board import Board
+from vo_service.tools.figures import new_figure, write_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-from vo_service.tools.calibration.board import Board
 
 FORMATS = (".pdf", ".svg", ".png")
 PAPERS_MM = {"A4": (297.0, 210.0), "A3": (420.0, 297.0), "A2": (594.0, 420.0), "A1": (841.0, 594.0)}
@@ -45,24 +43,17 @@ def print_board(board: Board, path: Path) -> str:
     Raises:
         InputError: The suffix is not a known format, or the file cannot be written.
     """
-    suffix = check_suffix(path, FORMATS)
-    check_output_file(path)
     name, size_mm = choose_paper(board)
-    image = io.BytesIO()
-    _draw(board, size_mm).savefig(image, format=suffix.removeprefix("."), dpi=DOTS_PER_INCH)
-    atomic_write(path, image.getvalue())
+    write_figure(path, FORMATS, lambda: _draw(board, size_mm), dpi=DOTS_PER_INCH)
     return name
 
 
 def _draw(board: Board, size_mm: tuple[float, float]) -> "Figure":
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path as Outline
 
     width_mm, height_mm = size_mm
-    figure = Figure(figsize=(width_mm / MM_PER_INCH, height_mm / MM_PER_INCH))
-    FigureCanvasAgg(figure)
+    figure = new_figure(width_mm / MM_PER_INCH, height_mm / MM_PER_INCH, layout=None)
     # One axes object over the whole page, in millimeters from its top left corner.
     page = figure.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(0, width_mm), ylim=(height_mm, 0))
     page.axis("off")

@@ -3,13 +3,11 @@
 Residuals are enlarged; equal directions over a whole region are not noise.
 """
 
-import io
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from drivers.core.files import atomic_write, check_suffix
 from drivers.core.geometry import Array
 from vo_service.tools.calibration.calibration_result import CalibrationResult
 from vo_service.tools.calibration.color_camera import ColorCalibrationResult
@@ -20,6 +18,7 @@ from vo_service.tools.calibration.view_selection import (
     convex_outline,
     count_zone_corners,
 )
+from vo_service.tools.figures import new_figure, write_figure
 
 if TYPE_CHECKING:  # rarely used, and slow to import
     from matplotlib.axes import Axes
@@ -34,20 +33,13 @@ MAX_RESIDUAL_SIGMAS = 2.5
 
 def write_plot(path: Path, calibration: CalibrationResult) -> None:
     """Write the figure. Raises InputError for an unknown suffix, WriteError for the disk."""
-    suffix = check_suffix(path, FORMATS)
-    image = io.BytesIO()
-    draw_plot(calibration).savefig(image, format=suffix.removeprefix("."), dpi=110)
-    atomic_write(path, image.getvalue())
+    write_figure(path, FORMATS, lambda: draw_plot(calibration), dpi=110)
 
 
 def draw_plot(calibration: CalibrationResult) -> "Figure":
-    """Draw the matplotlib figure without pyplot: no global state, no window."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
+    """Draw the figure: a row of plots for each camera."""
     color, rows = calibration.color, 1 + len(calibration.depth)
-    figure = Figure(figsize=(13, 5.2 * rows), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(13, 5.2 * rows)
     figure.suptitle(f"{len(color.views)} views of a {calibration.board.name}")
     plots = figure.subplots(rows, 2, width_ratios=[1.55, 1], squeeze=False)
     _draw_corners(plots[0, 0], color)

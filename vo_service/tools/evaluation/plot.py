@@ -1,12 +1,10 @@
 """Figure of a trajectory and its ground truth: top view, side view, error over time."""
 
-import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from drivers.core.files import atomic_write, check_suffix
 from drivers.core.geometry import (
     MAX_STAMP_DIFFERENCE_S,
     Array,
@@ -14,8 +12,8 @@ from drivers.core.geometry import (
     inverse,
     transform_points,
 )
-from drivers.core.write_errors import check_output_file
 from vo_service.tools.evaluation.metrics import associate, best_alignment, position_errors_m
+from vo_service.tools.figures import new_figure, write_figure
 
 if TYPE_CHECKING:  # rarely used, and slow to import
     from matplotlib.axes import Axes
@@ -47,12 +45,7 @@ def write_plot(
             name.
         WriteError: The file cannot be written.
     """
-    suffix = check_suffix(path, FORMATS)
-    check_output_file(path)
-    figure = draw_plot(trajectory, truth, title, max_difference_s)
-    image = io.BytesIO()
-    figure.savefig(image, format=suffix.removeprefix("."))
-    atomic_write(path, image.getvalue())
+    write_figure(path, FORMATS, lambda: draw_plot(trajectory, truth, title, max_difference_s))
 
 
 def draw_plot(
@@ -85,21 +78,6 @@ def draw_plot(
     time_s = matched.stamps_s - matched.stamps_s[0]
     plots["E"].plot(*insert_nan_at_gaps(matched.stamps_s, np.column_stack([time_s, errors_m])).T)
     plots["E"].set_ylim(bottom=0)
-    return figure
-
-
-def new_figure(width: float, height: float) -> "Figure":
-    """Make a matplotlib figure without pyplot: no global state, no window.
-
-    Args:
-        width: Width, inches.
-        height: Height, inches.
-    """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)
     return figure
 
 

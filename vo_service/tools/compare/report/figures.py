@@ -1,9 +1,5 @@
-"""Figures of one recording with all methods, like the paper's Figures 6 to 10.
+"""Figures of one recording with all methods, like the paper's Figures 6 to 10."""
 
-They are drawn without pyplot: no global state, no window.
-"""
-
-import io
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -19,8 +15,8 @@ from vo_service.tools.evaluation.plot import (
     draw_trajectory,
     insert_nan_at_gaps,
     label_axes,
-    new_figure,
 )
+from vo_service.tools.figures import new_figure, render_figure
 
 if TYPE_CHECKING:  # rarely used, and slow to import
     from matplotlib.artist import Artist
@@ -64,10 +60,8 @@ class NamedFigure:
         from matplotlib import rc_context
 
         metadata = {"svg": {"Date": None, "Creator": None}, "png": {"Software": None}}[file_format]
-        data = io.BytesIO()
         with rc_context({"svg.hashsalt": self.name}):
-            self.figure.savefig(data, format=file_format, dpi=120, metadata=metadata)
-        return data.getvalue()
+            return render_figure(self.figure, file_format, dpi=120, metadata=metadata)
 
 
 def line_style(result: SequenceResults, method: str) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from vo_service.terminal import Terminal
 from vo_service.tools.calibration.board import Board
 from vo_service.tools.calibration.board_printing import print_board
 from vo_service.tools.calibration.calibration_result import CalibrationResult
-from vo_service.tools.calibration.chessboards import BoardOptions, make_board
+from vo_service.tools.calibration.chessboards import make_board
 from vo_service.tools.calibration.collect_folder import CollectedViews, collect_from_folder
 from vo_service.tools.calibration.collect_live import (
     BoardPreviewFrame,
@@ -67,9 +67,7 @@ def run(request: CalibrationRequest) -> int:
         raise InputError("--serial chooses what --save-learned writes; add --save-learned")
     if request.timing:
         return calibrate_timing(request)
-    board = make_board(
-        BoardOptions(request.board, request.square, request.marker, request.dictionary)
-    )
+    board = make_board(request.board, request.square, request.marker, request.dictionary)
     if request.print_board is not None:
         paper = print_board(board, request.print_board)
         print(f"{request.print_board}: {board.name}, to print on {paper} at 100 %")

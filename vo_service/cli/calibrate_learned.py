@@ -14,7 +14,6 @@ from vo_service.sensor_memory import (
     find_remembered_sensors,
     memory_folders,
 )
-from vo_service.tools.calibration.output_files import check_camera_output
 from vo_service.tools.calibration.saved_timing import SavedTiming
 from vo_service.tools.calibration.timing import (
     read_camera,
@@ -39,10 +38,8 @@ def save_learned(request: CalibrationRequest) -> int:
             "--save-learned takes what a service has learned, without a camera; leave out FOLDER, "
             "--camera and --timing"
         )
-    request.check_no_board("--save-learned")
     config = read_config(request.config)
     output = request.file_to_change(config, "--save-learned")
-    check_camera_output(output)
     fallback = read_calibration(request.camera_file or config.camera.file or output)
     learned = _choose_sensor(request.serial)
     camera = read_camera(output, fallback)

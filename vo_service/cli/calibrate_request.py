@@ -11,6 +11,7 @@ from vo_service.cli.options import RERUN_TARGETS, ConfigFile, Json, Topics, pars
 from vo_service.cli.request import CommandRequest, argument, flag, option
 from vo_service.config import Config
 from vo_service.tools.calibration.chessboards import USAGE
+from vo_service.tools.calibration.output_files import check_camera_output
 
 # Options that are valid only with a board.
 BOARD_ONLY_OPTIONS = ("square", "marker", "depth", "keep", "rerun", "picture", "print_board")
@@ -82,21 +83,24 @@ class CalibrationRequest(CommandRequest):
             return self.camera
         raise InputError(advice)
 
-    def check_no_board(self, mode: str) -> None:
-        """Raise InputError if an option is given that only a board has; `mode` is the other one."""
+    def file_to_change(self, config: Config, mode: str) -> Path:
+        """Choose the camera file that the option `mode`, which needs no board, changes.
+
+        Raises:
+            UserFacingError: An option is given that only a board has, or there is no such file, or
+                it cannot be written.
+        """
+        file = self.output or self.camera_file or config.camera.file
+        if file is None and self.folder and recording_format(self.folder) is RecordingFormat.TUM:
+            file = self.folder / CAMERA_FILE_NAME
+        if file is None:
+            raise InputError(
+                f"{mode} puts its result into a camera file: name it with --camera-file, or make "
+                "one first, from views of a board"
+            )
         given = [name for name in BOARD_ONLY_OPTIONS if getattr(self, name)]
         if given:
             option = f"--{given[0].replace('_', '-')}"
             raise InputError(f"{option} is about a board, which {mode} does without; leave one out")
-
-    def file_to_change(self, config: Config, mode: str) -> Path:
-        """Choose the camera file that the option `mode` changes; raise InputError without one."""
-        named = self.output or self.camera_file or config.camera.file
-        if named is not None:
-            return named
-        if self.folder is not None and recording_format(self.folder) is RecordingFormat.TUM:
-            return self.folder / CAMERA_FILE_NAME
-        raise InputError(
-            f"{mode} puts its result into a camera file: name it with --camera-file, or make one "
-            "first, from views of a board"
-        )
+        check_camera_output(file)
+        return file

@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from drivers.calibration import CAMERA_FILE_NAME, CameraCalibration
-from drivers.core import InputError, UserFacingError
+from drivers.core import InputError
 from drivers.registry import ONI_SUFFIX, SENSORS
 from vo_service.cli.calibrate_request import CalibrationRequest
 from vo_service.cli.kernels import run_warm_up
@@ -15,18 +15,12 @@ from vo_service.config import read_config
 from vo_service.odometry.warm_up import warm_up
 from vo_service.signals import stop_on_signals
 from vo_service.terminal import Terminal
-from vo_service.tools.calibration.output_files import check_camera_output
 from vo_service.tools.calibration.saved_timing import SavedTiming
 from vo_service.tools.calibration.timing import (
-    NOTHING_SAVED_PREFIX,
-    REMEDY,
     USUAL_TIMING,
-    SensorTiming,
-    combine,
-    is_informative,
+    improve_timing,
     read_camera,
     save_timing,
-    select_changes,
     told_timing,
 )
 
@@ -44,10 +38,7 @@ def calibrate_timing(request: CalibrationRequest) -> int:
         "name a FOLDER that was recorded, or a camera to shake: --camera"
     )
     config = read_config(request.config)
-    output = request.file_to_change(config, "--timing")
-    # Check before the work, not after it.
-    request.check_no_board("--timing")
-    check_camera_output(output)
+    output = request.file_to_change(config, "--timing")  # checked before the work
     if isinstance(source, Path):
         _check_recording(request, source, output)
     terminal = Terminal()
@@ -64,10 +55,7 @@ def calibrate_timing(request: CalibrationRequest) -> int:
     terminal.clear()
     is_kinect = _is_kinect(request.camera, measured.camera)
     told = told_timing(read_camera(output, measured.camera), is_kinect)
-    now = combine(measured.timing, USUAL_TIMING) if is_kinect else measured.timing
-    changes = select_changes(told, now)
-    if not (is_informative(measured.timing) and changes):
-        raise UserFacingError(_refusal(told, measured.timing))
+    changes = improve_timing(told, measured.timing, is_kinect)
     heading = f"kinect-vo calibrate --timing, {date.today()}: {measured.frame_count} frames"
     backup = save_timing(output, measured.camera, changes, heading)
     values = {"before": told, "measured": measured.timing, "now": told | changes}
@@ -93,14 +81,3 @@ def _is_kinect(source: str | None, camera: CameraCalibration) -> bool:
     kind, _, argument = (source or "").partition(":")
     is_sensor = kind in SENSORS and not argument.lower().endswith(ONI_SUFFIX)
     return is_sensor or told_timing(camera) == USUAL_TIMING
-
-
-def _refusal(told: SensorTiming, measured: SensorTiming) -> str:
-    values = (
-        f"{name} {measured[key]} (known: {told[key]})"
-        for name, key in (("readout", "readout_s"), ("depth offset", "depth_offset_s"))
-    )
-    return (
-        f"{NOTHING_SAVED_PREFIX}the camera moved too slowly or too little to determine its timing "
-        f"better than it is known: {', '.join(values)}; {REMEDY}"
-    )

@@ -220,12 +220,6 @@ def test_images_of_another_board_name_it(few: Path, capfd: Capture) -> None:
 
 
 @pytest.mark.slow
-def test_too_few_views_fail_with_the_required_number(few: Path, capfd: Capture) -> None:
-    outcome = run_in_process(capfd, *OPTIONS, few)
-    assert_one_line(outcome, 1, "only 3 different views of the board; at least 6 are needed")
-
-
-@pytest.mark.slow
 def test_a_wrong_square_size_is_detected_by_depth_and_nothing_is_saved(
     folder: Path, tmp_path: Path, capfd: Capture
 ) -> None:

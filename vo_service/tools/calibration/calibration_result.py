@@ -1,7 +1,7 @@
 """Result of a calibration: the camera file's values, a table, and JSON."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -9,7 +9,6 @@ import numpy as np
 from drivers.calibration import CameraCalibration, DepthCameraCalibration, RigidTransform
 from drivers.core.geometry import Array, so3_log
 from vo_service.tools.calibration.board import Board
-from vo_service.tools.calibration.collect_folder import DepthUnits
 from vo_service.tools.calibration.color_camera import ColorCalibrationResult
 from vo_service.tools.calibration.depth_camera import DepthCalibrationResult
 from vo_service.tools.calibration.depth_model import ROTATION, SCALE_INDEX, TRANSLATION
@@ -23,10 +22,13 @@ PIXEL_DIGITS, COEFFICIENT_DIGITS, METER_DIGITS, QUATERNION_DIGITS = 4, 7, 6, 9
 
 @dataclass(frozen=True)
 class CalibrationResult:
-    """Calibrated cameras; `depth` is empty without a depth camera."""
+    """Calibrated cameras; `depth` is empty without a depth camera.
+
+    `known` has the depth factor and the timing, which a board does not show.
+    """
 
     board: Board
-    units: DepthUnits
+    known: CameraCalibration
     color: ColorCalibrationResult
     depth: Sequence[DepthCalibrationResult]
     warnings: list[str]
@@ -34,24 +36,14 @@ class CalibrationResult:
     @property
     def camera_calibration(self) -> CameraCalibration:
         """Calibration with readable, rounded values."""
-        lens, (width, height) = self.color.lens, self.color.size
-        fx, fy, cx, cy = (round(v, PIXEL_DIGITS) for v in (lens.fx, lens.fy, lens.cx, lens.cy))
-        k1, k2, p1, p2, k3 = (round(k, COEFFICIENT_DIGITS) for k in lens.distortion)
+        width, height = self.color.size
         tables = [_round_depth_calibration(depth.calibration) for depth in self.depth]
-        return CameraCalibration(
-            width,
-            height,
-            fx,
-            fy,
-            cx,
-            cy,
-            (k1, k2, p1, p2, k3),
-            self.units.depth_factor,
-            self.units.readout_s,
-            self.units.depth_offset_s,
+        return replace(
+            self.known,
+            width=width,
+            height=height,
+            **_round_lens(self.color.lens),
             depth=tables[0] if tables else None,
-            readout_sigma_s=self.units.readout_sigma_s,
-            depth_offset_sigma_s=self.units.depth_offset_sigma_s,
         )
 
     def as_table(self) -> str:
@@ -86,25 +78,20 @@ class CalibrationResult:
         }
 
 
+def _round_lens(lens: Lens | DepthCameraCalibration) -> dict[str, Any]:
+    pixels = {name: round(getattr(lens, name), PIXEL_DIGITS) for name in ("fx", "fy", "cx", "cy")}
+    return pixels | {"distortion": tuple(round(k, COEFFICIENT_DIGITS) for k in lens.distortion)}
+
+
 def _round_depth_calibration(calibration: DepthCameraCalibration) -> DepthCameraCalibration:
     x, y, z = (round(v, METER_DIGITS) for v in calibration.T_color_depth.translation_m)
     qx, qy, qz, qw = (
         round(q, QUATERNION_DIGITS) for q in calibration.T_color_depth.quaternion_xyzw
     )
-    k1, k2, p1, p2, k3 = (round(k, COEFFICIENT_DIGITS) for k in calibration.distortion)
-    fx, fy, cx, cy = (
-        round(v, PIXEL_DIGITS)
-        for v in (calibration.fx, calibration.fy, calibration.cx, calibration.cy)
-    )
-    return DepthCameraCalibration(
-        fx=fx,
-        fy=fy,
-        cx=cx,
-        cy=cy,
+    return replace(
+        calibration,
+        **_round_lens(calibration),
         T_color_depth=RigidTransform((x, y, z), (qx, qy, qz, qw)),
-        distortion=(k1, k2, p1, p2, k3),
-        width=calibration.width,
-        height=calibration.height,
         scale=round(calibration.scale, METER_DIGITS),
     )
 

@@ -6,7 +6,12 @@ from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
 
-from drivers.calibration import CAMERA_FILE_NAME, find_calibration
+from drivers.calibration import (
+    CAMERA_FILE_NAME,
+    NO_DISTORTION,
+    CameraCalibration,
+    find_calibration,
+)
 from drivers.core import InputError
 from drivers.recording.image_decoding import UnreadableFrameError
 from drivers.recording.recorded_frames import RecordedImage
@@ -22,7 +27,8 @@ from vo_service.tools.calibration.view_selection import (
 )
 
 SUFFIXES = (".png", ".jpg", ".jpeg")
-MILLIMETER_DEPTH_FACTOR = 1000.0
+# Without distortion: undistortion moves no pixel. Depth is in millimeters.
+RAW_CALIBRATION = CameraCalibration(640, 480, 525.0, 525.0, 319.5, 239.5, NO_DISTORTION, 1000.0)
 _log = logging.getLogger(__name__)
 # If no image shows the requested board, this many images are searched for another one.
 MAX_SEARCHED_IMAGES = 12
@@ -39,17 +45,6 @@ class SnapshotFiles:
     stamp_s: float
     color: RecordedImage
     depth: RecordedImage | None
-
-
-@dataclass(frozen=True)
-class DepthUnits:
-    """Data of a recording's camera file that a board cannot give."""
-
-    depth_factor: float
-    readout_s: float = 0.0
-    depth_offset_s: float = 0.0
-    readout_sigma_s: float | None = None
-    depth_offset_sigma_s: float | None = None
 
 
 def list_snapshot_files(folder: Path, with_depth: bool) -> list[SnapshotFiles]:
@@ -121,33 +116,28 @@ def _format_size(snapshot: Snapshot) -> str:
     return f"{color} (depth {width}x{height})" if width else color
 
 
-def read_depth_units(folder: Path, given: Path | None) -> DepthUnits:
+def read_known_calibration(folder: Path, given: Path | None) -> CameraCalibration:
     """Read the camera file `given` or the folder's own; without one, depth is in millimeters.
+
+    A board does not show its depth factor and its timing.
 
     Raises:
         InputError: The camera file is invalid.
     """
     try:
-        camera = find_calibration(folder, given)
+        return find_calibration(folder, given)
     except InputError:
         if given is not None or (folder / CAMERA_FILE_NAME).exists():
             raise
-        return DepthUnits(MILLIMETER_DEPTH_FACTOR)
-    return DepthUnits(
-        camera.depth_factor,
-        camera.readout_s,
-        camera.depth_offset_s,
-        camera.readout_sigma_s,
-        camera.depth_offset_sigma_s,
-    )
+        return RAW_CALIBRATION
 
 
 @dataclass(frozen=True)
 class CollectedViews:
-    """Views, their depth units, and gaps in their coverage."""
+    """Views, what is known of their camera without a board, and gaps in their coverage."""
 
     views: list[BoardView]
-    units: DepthUnits
+    known: CameraCalibration
     gaps: list[CoverageGap]
 
 
@@ -164,7 +154,7 @@ def collect_from_folder(
         InputError: The folder is not usable, or no image shows the board.
     """
     files = list_snapshot_files(folder, with_depth)
-    units = read_depth_units(folder, camera_file)
+    known = read_known_calibration(folder, camera_file)
     selector = ViewSelector(board)
     for number, snapshot in enumerate(read_snapshots(files), 1):
         if snapshot is not None:
@@ -175,7 +165,7 @@ def collect_from_folder(
     if not selector.board_count:
         raise InputError(f"{folder}: {_no_board_message(board, files)}")
     return CollectedViews(
-        selector.views, units, find_coverage_gaps(selector.views, selector.board_poses, with_depth)
+        selector.views, known, find_coverage_gaps(selector.views, selector.board_poses, with_depth)
     )
 
 

@@ -11,9 +11,7 @@ from typing import Protocol
 
 from drivers.calibration import (
     CAMERA_FILE_NAME,
-    NO_DISTORTION,
     UNKNOWN_TIMING,
-    CameraCalibration,
     DepthCameraCalibration,
     RigidTransform,
     format_calibration,
@@ -35,9 +33,8 @@ from vo_service.terminal import Terminal
 from vo_service.tools.calibration.board import Board, BoardCorners
 from vo_service.tools.calibration.collect_folder import (
     BOARD_NOT_FOUND_HINT,
-    MILLIMETER_DEPTH_FACTOR,
+    RAW_CALIBRATION,
     CollectedViews,
-    DepthUnits,
 )
 from vo_service.tools.calibration.snapshot import NO_DEPTH, BoardView, Snapshot
 from vo_service.tools.calibration.view_selection import CoverageGuide, ViewDecision, ViewSelector
@@ -45,14 +42,10 @@ from vo_service.tools.calibration.view_selection import CoverageGuide, ViewDecis
 POLL_PERIOD_S = 0.25
 # A camera without frames for this time has failed.
 FRAME_TIMEOUT_S = 15.0
-# A lens without distortion, and a depth camera at the same place with the same lens: undistortion
-# and registration then move no pixel.
-IDENTITY_POSE = RigidTransform((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
-RAW_DEPTH_CALIBRATION = DepthCameraCalibration(525.0, 525.0, 319.5, 239.5, IDENTITY_POSE)
-RAW_COLOR_CALIBRATION = CameraCalibration(
-    640, 480, 525.0, 525.0, 319.5, 239.5, NO_DISTORTION, 1000.0
+# A depth camera at the same place with the same lens: registration moves no pixel.
+RAW_DEPTH_CALIBRATION = DepthCameraCalibration(
+    525.0, 525.0, 319.5, 239.5, RigidTransform((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 )
-RAW_CALIBRATION = replace(RAW_COLOR_CALIBRATION, depth=RAW_DEPTH_CALIBRATION)
 
 
 @contextmanager
@@ -63,9 +56,8 @@ def write_raw_camera_file(with_depth: bool) -> Iterator[Path]:
     """
     with TemporaryDirectory(prefix="kinect-vo-") as folder:
         file = Path(folder) / CAMERA_FILE_NAME
-        file.write_text(
-            format_calibration(RAW_CALIBRATION if with_depth else RAW_COLOR_CALIBRATION)
-        )
+        depth = RAW_DEPTH_CALIBRATION if with_depth else None
+        file.write_text(format_calibration(replace(RAW_CALIBRATION, depth=depth)))
         yield file
 
 
@@ -147,7 +139,7 @@ def collect_live(
         _open_raw_camera(request) as camera,
         _open_frame_writer(request.save_folder) as save_frame,
     ):
-        units = DepthUnits(MILLIMETER_DEPTH_FACTOR)
+        known = RAW_CALIBRATION
         for frame in read_frames(camera, stop):
             if frame is None:
                 terminal.show(_waiting_message(camera.status))
@@ -159,7 +151,7 @@ def collect_live(
                 # does not tell the timing.
                 photograph = replace(frame, readout_s=0.0, timing_prior=UNKNOWN_TIMING)
                 save_frame(replace(photograph, stamp_s=float(len(selector.views))))
-                units = replace(units, depth_factor=frame.depth_factor)
+                known = replace(known, depth_factor=frame.depth_factor)
             terminal.show(guide.instruction(decision))
             for preview in previews:
                 preview.show(
@@ -177,7 +169,7 @@ def collect_live(
         raise UserFacingError(
             f"no image of the camera showed a {board.name}; {BOARD_NOT_FOUND_HINT}"
         )
-    return CollectedViews(selector.views, units, guide.gaps)
+    return CollectedViews(selector.views, known, guide.gaps)
 
 
 def _waiting_message(status: CameraStatus) -> str:

@@ -26,9 +26,9 @@ def solve_calibration(
     fits = []
     if with_depth:
         with terminal.busy("fitting the depth camera") as busy:
-            factor = collected.units.depth_factor
+            factor = collected.known.depth_factor
             depth = calibrate_depth(color, board.layout, factor, busy.progress_callback("step"))
         warnings += validate_depth(depth, color, collected.gaps)
         fits.append(depth)
     warnings += [gap.problem for gap in collected.gaps]
-    return CalibrationResult(board, collected.units, color, fits, warnings)
+    return CalibrationResult(board, collected.known, color, fits, warnings)

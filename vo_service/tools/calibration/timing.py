@@ -14,11 +14,12 @@ from drivers.calibration import (
     kinect_timing,
     read_calibration,
 )
+from drivers.camera import TimingPrior
+from drivers.core import UserFacingError
 from drivers.core.config import find_key_lines, parse_toml, read_toml_text
 from vo_service.sensor_memory import RememberedSensor
 from vo_service.tools.calibration.output_files import save_with_backup
 
-NOTHING_SAVED_PREFIX = "nothing is saved: "
 # Two values contradict each other if they are further apart than this many standard deviations.
 CONTRADICTION_SIGMAS = 3.0
 # A measurement tells something if its standard deviations are below this part of unknown ones.
@@ -83,12 +84,18 @@ def remembered_as_timing(remembered: RememberedSensor) -> SensorTiming:
     )
 
 
-USUAL_TIMING = make_timing(
-    KINECT_READOUT_S,
-    KINECT_TIMING_PRIOR.depth_offset_s,
-    KINECT_TIMING_PRIOR.readout_sigma_s,
-    KINECT_TIMING_PRIOR.depth_offset_sigma_s,
-)
+def timing_by_prior(
+    readout_s: float, depth_offset_s: float, prior: TimingPrior | None
+) -> SensorTiming:
+    """Return the timing of a prior; without one, both values are exact."""
+    if prior is None:
+        return make_timing(readout_s, depth_offset_s, 0.0, 0.0)
+    return make_timing(
+        readout_s, prior.depth_offset_s, prior.readout_sigma_s, prior.depth_offset_sigma_s
+    )
+
+
+USUAL_TIMING = timing_by_prior(KINECT_READOUT_S, 0.0, KINECT_TIMING_PRIOR)
 
 
 def told_timing(camera: CameraCalibration, is_kinect: bool = False) -> SensorTiming:
@@ -101,11 +108,7 @@ def told_timing(camera: CameraCalibration, is_kinect: bool = False) -> SensorTim
         readout_s, prior = kinect_timing(camera)
     else:
         readout_s, prior = camera.readout_s, camera.timing_prior
-    if prior is None:
-        return make_timing(readout_s, camera.depth_offset_s, 0.0, 0.0)
-    return make_timing(
-        readout_s, prior.depth_offset_s, prior.readout_sigma_s, prior.depth_offset_sigma_s
-    )
+    return timing_by_prior(readout_s, camera.depth_offset_s, prior)
 
 
 def combine(measured: SensorTiming, prior: SensorTiming) -> SensorTiming:
@@ -113,7 +116,29 @@ def combine(measured: SensorTiming, prior: SensorTiming) -> SensorTiming:
     return {key: value.combined_with(prior[key]) for key, value in measured.items()}
 
 
-def is_informative(measured: SensorTiming) -> bool:
+def improve_timing(told: SensorTiming, measured: SensorTiming, is_kinect: bool) -> SensorTiming:
+    """Return the values that a measurement changes.
+
+    Args:
+        is_kinect: Whether the measurement is combined with the usual values.
+
+    Raises:
+        UserFacingError: The measurement is less certain than what is told.
+    """
+    changes = select_changes(told, combine(measured, USUAL_TIMING) if is_kinect else measured)
+    if _is_informative(measured) and changes:
+        return changes
+    values = (
+        f"{name} {measured[key]} (known: {told[key]})"
+        for name, key in (("readout", "readout_s"), ("depth offset", "depth_offset_s"))
+    )
+    raise UserFacingError(
+        "nothing is saved: the camera moved too slowly or too little to determine its timing "
+        f"better than it is known: {', '.join(values)}; {REMEDY}"
+    )
+
+
+def _is_informative(measured: SensorTiming) -> bool:
     """Whether the motion was fast enough to tell anything."""
     sigmas_s = [value.sigma_s for value in measured.values()]
     limits_s = [MAX_SIGMA_RATIO * sigma_s for sigma_s in UNKNOWN_TIMING_SIGMAS_S]

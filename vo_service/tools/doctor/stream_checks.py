@@ -10,12 +10,12 @@ from drivers.core.geometry import is_gravity
 from vo_service.tools.calibration.timing import (
     CONTRADICTION_SIGMAS,
     SensorTiming,
-    make_timing,
     remembered_as_timing,
+    timing_by_prior,
 )
 from vo_service.tools.doctor.check import SENSORS, CameraKind, CheckContext
 from vo_service.tools.doctor.finding import Finding, failed, passed, unknown, warned
-from vo_service.tools.doctor.stream_probe import FrameSample, StreamSample
+from vo_service.tools.doctor.stream_probe import StreamSample
 
 REPLUG_FIX = "check its cable and power supply: unplug both, wait ten seconds, plug them in again"
 OWN_CONTROLLER_FIX = "give the sensor a USB controller of its own, no hub, and a shorter cable"
@@ -131,7 +131,8 @@ def check_skew(context: CheckContext) -> Finding:
 def check_timing(context: CheckContext) -> Finding:
     """Check what the camera file tells of the sensor's timing against what services learned."""
     sample = context.stream.samples[-1]
-    told, source = _told_timing(sample), TimingSource.CAMERA_FILE
+    told = timing_by_prior(sample.readout_s, 0.0, sample.timing_prior)
+    source = TimingSource.CAMERA_FILE
     if sample.timing_prior is not None:
         source = sample.timing_prior.source
     text = f"{_describe_timing(told)} ({source})"
@@ -150,18 +151,6 @@ def check_timing(context: CheckContext) -> Finding:
             source=source.value,
         )
     return passed(both, source=source.value)
-
-
-def _told_timing(sample: FrameSample) -> SensorTiming:
-    prior = sample.timing_prior
-    if prior is None:
-        return make_timing(sample.readout_s, 0.0, 0.0, 0.0)
-    return make_timing(
-        sample.readout_s,
-        prior.depth_offset_s,
-        prior.readout_sigma_s,
-        prior.depth_offset_sigma_s,
-    )
 
 
 def _describe_timing(timing: SensorTiming) -> str:

@@ -109,15 +109,6 @@ def test_comments_and_order_stay_and_missing_keys_follow_the_schema() -> None:
     )
 
 
-def test_an_existing_file_is_kept_as_a_backup(tmp_path: Path) -> None:
-    file = tmp_path / "camera.toml"
-    file.write_text(format_calibration(CAMERA))
-    backup = save_timing(file, CAMERA, TIMING, "heading")
-    assert backup is not None
-    assert read_calibration(backup) == CAMERA
-    assert read_calibration(file).readout_s == 0.0203
-
-
 def test_a_new_file_has_the_fallback_camera(tmp_path: Path) -> None:
     file = tmp_path / "new.toml"
     assert save_timing(file, CAMERA, TIMING, "found today") is None

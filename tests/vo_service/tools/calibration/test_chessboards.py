@@ -14,7 +14,7 @@ from tests.vo_service.tools.calibration.rendered_boards import (
     random_board_poses,
 )
 from vo_service.tools.calibration.board import Board, BoardCorners, BoardLayout
-from vo_service.tools.calibration.chessboards import BoardOptions, Charuco, Chessboard, make_board
+from vo_service.tools.calibration.chessboards import Charuco, Chessboard, make_board
 
 CHESSBOARD = Chessboard(BoardLayout(10, 7, 0.035))
 CHARUCO = Charuco(BoardLayout(8, 6, 0.045), 0.031, "4X4_100")
@@ -107,32 +107,30 @@ def test_about_half_of_a_board_is_printed_black(board: Board) -> None:
 
 
 def test_a_chessboard_is_given_by_its_inner_corners() -> None:
-    board = make_board(BoardOptions("chessboard:9x6", 0.025, None, "4X4_100"))
+    board = make_board("chessboard:9x6", 0.025, None, "4X4_100")
     assert (board.layout.columns, board.layout.rows) == (10, 7)
     assert board.name == "chessboard of 9x6 inner corners"
 
 
 def test_a_charuco_board_is_given_by_its_squares() -> None:
-    board = make_board(BoardOptions("charuco:8x6", 0.04, None, "4X4_100"))
+    board = make_board("charuco:8x6", 0.04, None, "4X4_100")
     assert isinstance(board, Charuco)
     assert (board.layout.columns, board.layout.rows, board.marker_m) == (8, 6, 0.7 * 0.04)
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    ("name", "square_m", "marker_m", "dictionary", "message"),
     [
-        (
-            BoardOptions("chess:9x6", 0.025, None, "4X4_100"),
-            "chess:9x6: is not a board; write chessb",
-        ),
-        (BoardOptions("chessboard:9", 0.025, None, "4X4_100"), "chessboard:9: is not a board"),
-        (BoardOptions("chessboard:9x2", 0.025, None, "4X4_100"), "use 3 to 100 columns and rows"),
-        (BoardOptions("chessboard:9x6", None, None, "4X4_100"), "--square is missing: measure a"),
-        (BoardOptions("charuco:8x6", 0.04, 0.04, "4X4_100"), "must be smaller than the square"),
-        (BoardOptions("charuco:8x6", 0.04, None, "9X9"), "--dictionary 9X9: is unknown; use one"),
+        ("chess:9x6", 0.025, None, "4X4_100", "chess:9x6: is not a board; write chessb"),
+        ("chessboard:9", 0.025, None, "4X4_100", "chessboard:9: is not a board"),
+        ("chessboard:9x2", 0.025, None, "4X4_100", "use 3 to 100 columns and rows"),
+        ("charuco:8x6", 0.04, 0.04, "4X4_100", "must be smaller than the square"),
+        ("charuco:8x6", 0.04, None, "9X9", "--dictionary 9X9: is unknown; use one"),
     ],
 )
-def test_a_wrong_option_is_named(options: BoardOptions, message: str) -> None:
+def test_a_wrong_option_is_named(
+    name: str, square_m: float, marker_m: float | None, dictionary: str, message: str
+) -> None:
     with pytest.raises(InputError) as caught:
-        make_board(options)
+        make_board(name, square_m, marker_m, dictionary)
     assert message in str(caught.value)

@@ -10,7 +10,7 @@ import pytest
 from drivers.core import InputError
 from vo_service.tools.calibration.collect_folder import (
     list_snapshot_files,
-    read_depth_units,
+    read_known_calibration,
     read_snapshots,
 )
 
@@ -81,16 +81,9 @@ def test_images_of_two_sizes_are_rejected(tmp_path: Path) -> None:
         list(read_snapshots(list_snapshot_files(tmp_path, with_depth=False)))
 
 
-def test_an_empty_or_missing_folder_is_reported(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="has no images"):
-        list_snapshot_files(tmp_path, with_depth=False)
-    with pytest.raises(InputError, match="no such folder"):
-        list_snapshot_files(tmp_path / "none", with_depth=False)
-
-
 def test_the_depth_unit_is_the_recordings_or_millimeters(recording: Path, tmp_path: Path) -> None:
-    assert read_depth_units(recording, None).depth_factor == 5000.0
-    assert read_depth_units(tmp_path, None).depth_factor == 1000.0
+    assert read_known_calibration(recording, None).depth_factor == 5000.0
+    assert read_known_calibration(tmp_path, None).depth_factor == 1000.0
     (tmp_path / "camera.toml").write_text("schema = 1\n")
     with pytest.raises(InputError, match="key `width`: is missing"):
-        read_depth_units(tmp_path, None)
+        read_known_calibration(tmp_path, None)

@@ -51,23 +51,6 @@ class Check:
     kinds: frozenset[CameraKind] = frozenset(CameraKind)
 
 
-@dataclass(frozen=True)
-class SystemPaths:
-    """Paths of the kernel's virtual files; tests use another root than /."""
-
-    root: Path = Path("/")
-
-    @property
-    def sys(self) -> Path:
-        """Folder with the kernel's devices."""
-        return self.root / "sys"
-
-    @property
-    def proc(self) -> Path:
-        """Folder with the processes."""
-        return self.root / "proc"
-
-
 def find_learned_sensors() -> Mapping[str, RememberedSensor]:
     """Find what the services on this computer have learned, by serial number."""
     return find_remembered_sensors(memory_folders())
@@ -81,14 +64,14 @@ class CheckContext:
         requested: The camera to check.
         probe_usb: Finds the sensors on the USB.
         probe_stream: Opens the camera and reads its frames.
-        paths: Paths of the computer's virtual files.
+        root: Root of the computer's files, with /sys and /proc.
         find_learned: Finds what services have learned, by serial number.
     """
 
     requested: "RequestedCamera"
     probe_usb: Callable[[], Sequence[UsbSensor]]
     probe_stream: Callable[[], StreamSample]
-    paths: SystemPaths = SystemPaths()
+    root: Path = Path("/")
     find_learned: Callable[[], Mapping[str, RememberedSensor]] = find_learned_sensors
 
     @cached_property
@@ -117,7 +100,7 @@ class CheckContext:
     @cached_property
     def kernel_devices(self) -> list[KernelUsbDevice]:
         """All USB devices that the kernel lists."""
-        return list_usb_devices(self.paths.sys)
+        return list_usb_devices(self.root)
 
     def kernel_device(self, part: UsbPart) -> KernelUsbDevice | None:
         """Return the kernel's entry for a part of a sensor, or None if it has none."""

@@ -14,7 +14,7 @@ from vo_service.tools.doctor.finding import Finding, failed, passed, unknown, wa
 from vo_service.tools.doctor.stream_probe import call_in_subprocess
 
 LOAD_TIMEOUT_S = 10.0
-DEBIAN_PACKAGES = {
+LIBRARY_PACKAGES = {
     "libfreenect.so.0.5": "libfreenect0.5",
     "libOpenNI2.so.0": "libopenni2-0",
     "libusb-1.0.so.0": "libusb-1.0-0",
@@ -80,7 +80,7 @@ def check_libraries(context: CheckContext) -> Finding:
 
 
 def _install_command(names: Sequence[str], apt_options: str = "") -> str:
-    packages = [DEBIAN_PACKAGES[name] for name in names if name in DEBIAN_PACKAGES]
+    packages = [LIBRARY_PACKAGES[name] for name in names if name in LIBRARY_PACKAGES]
     return f"sudo apt install {apt_options}{' '.join(packages)}"
 
 

@@ -20,6 +20,7 @@ from drivers.core.write_errors import creating, writing
 from drivers.recording.frame_recorder import FrameRecorder
 from drivers.recording.image_encoding import ColorFormat
 from drivers.tum.writer import TumFolder
+from vo_service.tools.doctor.library_checks import LIBRARY_PACKAGES
 from vo_service.tools.doctor.stream_probe import probe_stream
 from vo_service.tools.doctor.usb_probe import KernelUsbDevice, list_usb_devices
 
@@ -34,7 +35,7 @@ PYTHON_PACKAGES = (
     "pyusb",
     "pyudev",
 )
-DEBIAN_PACKAGES = ("libfreenect0.5", "libopenni2-0", "libusb-1.0-0", "udev")
+DEBIAN_PACKAGES = (*LIBRARY_PACKAGES.values(), "udev")
 COMMAND_TIMEOUT_S = 10.0
 # The newest lines of the system's logs.
 JOURNAL_COMMANDS = {
@@ -56,7 +57,7 @@ def collect_versions() -> dict[str, str]:
 
 def format_usb_listing(root: Path) -> str:
     """Return one line per USB device that the kernel lists."""
-    devices = list_usb_devices(root / "sys")
+    devices = list_usb_devices(root)
     if not devices:
         return "the kernel lists no USB devices\n"
     return "".join(_format_usb_device(device) for device in devices)

@@ -148,7 +148,7 @@ def _needs_bandwidth(context: CheckContext, device: KernelUsbDevice) -> bool:
 
 def check_permission(context: CheckContext) -> Finding:
     """Check that this user may open the sensor: root always may, others by udev rules."""
-    has_rule = (context.paths.root / RULES_FILE).is_file()
+    has_rule = (context.root / RULES_FILE).is_file()
     rule = "are installed" if has_rule else "are not installed"
     facts = {"udev_rules_installed": has_rule}
     if context.sensor.open_error is not OpenError.PERMISSION:
@@ -215,7 +215,7 @@ def _holders(context: CheckContext) -> Iterator[str]:
     device = context.kernel_device(context.sensor.camera)
     files = {_usb_device_file(context.sensor.camera)}
     files |= {f"/dev/{node}" for node in device.video_nodes} if device else set()
-    for process in context.paths.proc.glob("[0-9]*"):
+    for process in context.root.glob("proc/[0-9]*"):
         if process.name != str(os.getpid()) and files & set(_open_files(process)):
             yield f"{_process_name(process)} (process {process.name})"
 

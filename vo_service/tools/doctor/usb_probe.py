@@ -27,10 +27,7 @@ class KernelUsbDevice:
 
     def attribute(self, name: str) -> str:
         """Return the text of an attribute, or "" if it does not exist."""
-        try:
-            return (self.path / name).read_text().strip()
-        except OSError:
-            return ""
+        return _read_text(self.path / name)
 
     @property
     def bus_and_address(self) -> tuple[str, str]:
@@ -77,10 +74,10 @@ class KernelUsbDevice:
         return sorted(path.name for path in self.path.glob("*/video4linux/video*"))
 
 
-def list_usb_devices(sys: Path) -> list[KernelUsbDevice]:
-    """List all devices and hubs; empty if the kernel lists no USB."""
+def list_usb_devices(root: Path) -> list[KernelUsbDevice]:
+    """List all devices and hubs below /sys; empty if the kernel lists no USB."""
     try:
-        links = sorted((sys / "bus/usb/devices").iterdir())
+        links = sorted((root / "sys/bus/usb/devices").iterdir())
     except OSError:
         return []
     return [KernelUsbDevice(link.resolve()) for link in links if (link / "idVendor").exists()]

@@ -8,7 +8,7 @@ from drivers.calibration import KINECT_READOUT_S, KINECT_TIMING_PRIOR
 from drivers.camera import CameraCounters
 from drivers.kinect_usb.usb_ids import SensorModel, UsbRole
 from vo_service.tools.doctor.camera_checks import requested_camera
-from vo_service.tools.doctor.check import CheckContext, SystemPaths
+from vo_service.tools.doctor.check import CheckContext
 from vo_service.tools.doctor.stream_probe import FrameSample, StreamSample
 from vo_service.tools.doctor.usb_probe import UsbPart, UsbSensor
 
@@ -77,7 +77,7 @@ def make_context(
         requested_camera(source),
         lambda: all_sensors,
         lambda: stream or make_capture(),
-        SystemPaths(root),
+        root,
     )
 
 

@@ -16,6 +16,7 @@ def test_installing_into_a_tree_prints_the_written_files(
     assert outcome.out == (
         f"{tmp_path / RULES_FILE}: written\n{tmp_path / MODPROBE_FILE}: written\n"
     )
+    assert "blacklist gspca_kinect\n" in (tmp_path / MODPROBE_FILE).read_text()
 
 
 def test_existing_files_are_reported(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:

@@ -1,5 +1,6 @@
 """System files that let users open a sensor without root, from the table of USB ids."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 from drivers.kinect_usb.usb_ids import SUPPORTED_IDS, UsbId
@@ -61,28 +62,25 @@ def install(root: Path) -> list[Path]:
     Raises:
         UserFacingError: A file cannot be written. It names the command for root if needed.
     """
-    written = []
-    for file in list_system_files():
-        path = root / file.path
-        try:
-            if write_file(path, file.text):
-                written.append(path)
-        except OSError as error:
-            raise write_error(path, error, root, "udev", "install") from error
-    return written
+    return _change_files(root, "install", lambda path, text: write_file(path, text))
 
 
 def uninstall(root: Path) -> list[Path]:
     """Remove the files and return the paths of those that existed. Raises as `install`."""
-    removed = []
+    return _change_files(root, "uninstall", lambda path, text: remove_file(path))
+
+
+def _change_files(root: Path, action: str, change: Callable[[Path, str], bool]) -> list[Path]:
+    """Call `change` with each path and its text; return the paths for which it returns True."""
+    changed = []
     for file in list_system_files():
         path = root / file.path
         try:
-            if remove_file(path):
-                removed.append(path)
+            if change(path, file.text):
+                changed.append(path)
         except OSError as error:
-            raise write_error(path, error, root, "udev", "uninstall") from error
-    return removed
+            raise write_error(path, error, root, "udev", action) from error
+    return changed
 
 
 def apply_rules() -> str:

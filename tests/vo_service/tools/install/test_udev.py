@@ -13,11 +13,9 @@ from tests.mount_namespace import AS_MAPPED_ROOT, need_mounts
 from tests.simulators.requirements import require_program
 from vo_service.tools.install import udev
 from vo_service.tools.install.udev import (
-    MODPROBE_FILE,
     RULES_FILE,
     format_rules,
     install,
-    uninstall,
 )
 
 # Run udevadm in its own tree: /sys has one camera. $1 is the folder with the rules files,
@@ -83,12 +81,6 @@ def test_other_devices_do_not_match(tmp_path: Path) -> None:
     assert "0660" not in apply_rules(tmp_path, 0x046D, 0x0825)
 
 
-def test_installing_twice_writes_once(tmp_path: Path) -> None:
-    assert install(tmp_path) == [tmp_path / RULES_FILE, tmp_path / MODPROBE_FILE]
-    assert install(tmp_path) == []
-    assert "blacklist gspca_kinect\n" in (tmp_path / MODPROBE_FILE).read_text()
-
-
 def test_everybody_can_read_what_was_installed(tmp_path: Path) -> None:
     before = os.umask(0o077)
     try:
@@ -104,12 +96,6 @@ def test_an_old_file_is_replaced(tmp_path: Path) -> None:
     assert install(tmp_path) == [tmp_path / RULES_FILE]
     assert (tmp_path / RULES_FILE).read_text() == format_rules()
     assert [path.name for path in (tmp_path / RULES_FILE).parent.iterdir()] == [RULES_FILE.name]
-
-
-def test_uninstalling_removes_both_and_can_be_repeated(tmp_path: Path) -> None:
-    written = install(tmp_path)
-    assert uninstall(tmp_path) == written
-    assert uninstall(tmp_path) == []
 
 
 def test_the_error_names_the_command_for_root(

@@ -25,7 +25,7 @@ from vo_service.cli import compare
 from vo_service.config import Config
 from vo_service.odometry.registry import METHODS
 from vo_service.tools.compare import batch
-from vo_service.tools.compare.baselines.registry import BASELINES, Baseline, BaselinePackage
+from vo_service.tools.compare.baselines.registry import BASELINES, BaselinePackage
 from vo_service.tools.compare.methods import METHOD_NAMES
 from vo_service.tools.compare.report import report_folder
 
@@ -108,7 +108,7 @@ def test_the_terminal_shows_two_tables_per_sequence_and_a_note_of_skipped_method
     recording: Path, tmp_path: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     package = BaselinePackage("nobodys_odometry", ("nobodys-odometry",))
-    monkeypatch.setitem(BASELINES, "open3d-icp", Baseline(package, BASELINES["orb"].make))
+    monkeypatch.setitem(BASELINES, "open3d-icp", package)
     monkeypatch.setattr(
         compare, "make_method_factories", make_faulty_factories(surf="go on", icp="segfault")
     )

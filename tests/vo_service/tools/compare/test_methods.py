@@ -18,7 +18,6 @@ from vo_service.tools.compare.baselines.registry import (
     BASELINES,
     OPENCV,
     ORB_SLAM3,
-    Baseline,
     BaselineFactory,
     BaselinePackage,
 )
@@ -41,9 +40,8 @@ WALK = Trajectory(10.0 + np.array([0.0, 0.01, 0.02, 0.5]), moving_along_x([1.0, 
 @pytest.fixture
 def missing_package(monkeypatch: pytest.MonkeyPatch) -> None:
     """Make two baselines belong to a package that is not installed."""
-    baseline = Baseline(MISSING_PACKAGE, BASELINES["orb"].make)
     for name in ("open3d-icp", "open3d-hybrid"):
-        monkeypatch.setitem(BASELINES, name, baseline)
+        monkeypatch.setitem(BASELINES, name, MISSING_PACKAGE)
 
 
 def test_our_methods_come_first_and_then_the_baselines() -> None:

@@ -15,7 +15,7 @@ from vo_service.odometry.features.extractor import Features
 from vo_service.odometry.features.parameters import SurfParameters
 from vo_service.odometry.surf.odometry import SurfOdometry
 from vo_service.types.estimate import Estimate
-from vo_service.types.odometry import StageTimer
+from vo_service.types.odometry import Odometry, StageTimer
 
 # After this many failed frames, tracking is reset, as in `SurfOdometry`.
 MAX_FAILURES = 30
@@ -31,7 +31,6 @@ MAX_DEPTH_M = 4.0
 # (2 and 4 pixels, 3 and 5 cm, 10 and 20 neighbors), these are the most accurate on a real and a
 # rendered recording, at a medium cost.
 PIXEL_STEP, GICP_VOXEL_M, COVARIANCE_NEIGHBORS, GICP_PAIR_DISTANCE_M = 4, 0.03, 20, 0.1
-# Minimum fraction of points with a pair; otherwise the frame fails.
 
 
 class PairwiseMethod(Protocol):
@@ -308,3 +307,30 @@ def orb_odometry(count: int, stopwatch: StageTimer) -> SurfOdometry:
     """Make a `SurfOdometry` with ORB features (Rublee et al. 2011)."""
     extractor = OpenCvExtractor(cv2.ORB_create, count, binary=True)  # type: ignore[attr-defined]
     return SurfOdometry(extractor, SurfParameters(match_ratio=sqrt(MATCH_RATIO)), timer=stopwatch)
+
+
+def make_baseline(
+    name: str, library: ModuleType, feature_count: int, stopwatch: StageTimer
+) -> Odometry:
+    """Make a baseline with its library.
+
+    Args:
+        name: One of `BASELINES`.
+        feature_count: For those that use features.
+    """
+    method: PairwiseMethod
+    match name:
+        case "sift":
+            return sift_odometry(feature_count, stopwatch)
+        case "orb":
+            return orb_odometry(feature_count, stopwatch)
+        case "open3d-icp":
+            method = Open3dIcp(library)
+        case "open3d-hybrid":
+            method = Open3dHybrid(library)
+        case "small-gicp":
+            method = SmallGicp(library)
+        case _:
+            kind = name.removeprefix("cv2-").replace("-", "_").upper()
+            method = OpenCvOdometry(getattr(library, f"OdometryType_{kind}"))
+    return FrameToFrameOdometry(method)

@@ -1,4 +1,4 @@
-"""Baselines by name. New baselines are listed here only."""
+"""Baselines by name, and their packages."""
 
 import importlib
 from collections.abc import Callable, Mapping
@@ -56,67 +56,16 @@ SMALL_GICP = BaselinePackage("small_gicp", ("small-gicp",))
 PYORBSLAM3 = BaselinePackage("pyorbslam3", ("pyorbslam3",))
 
 
-@dataclass(frozen=True)
-class Baseline:
-    """Odometry of another library."""
-
-    package: BaselinePackage
-    make: Callable[[MethodConfig, StageTimer], Odometry]
-
-
-def _opencv(kind: str) -> Baseline:
-    def make(_features: MethodConfig, _stopwatch: StageTimer) -> Odometry:
-        import cv2
-
-        from vo_service.tools.compare.baselines.frame_to_frame import (
-            FrameToFrameOdometry,
-            OpenCvOdometry,
-        )
-
-        return FrameToFrameOdometry(OpenCvOdometry(getattr(cv2, f"OdometryType_{kind}")))
-
-    return Baseline(OPENCV, make)
-
-
-def _open3d_icp(_features: MethodConfig, _stopwatch: StageTimer) -> Odometry:
-    from vo_service.tools.compare.baselines.frame_to_frame import FrameToFrameOdometry, Open3dIcp
-
-    return FrameToFrameOdometry(Open3dIcp(OPEN3D.load()))
-
-
-def _open3d_hybrid(_features: MethodConfig, _stopwatch: StageTimer) -> Odometry:
-    from vo_service.tools.compare.baselines.frame_to_frame import FrameToFrameOdometry, Open3dHybrid
-
-    return FrameToFrameOdometry(Open3dHybrid(OPEN3D.load()))
-
-
-def _small_gicp(_features: MethodConfig, _stopwatch: StageTimer) -> Odometry:
-    from vo_service.tools.compare.baselines.frame_to_frame import FrameToFrameOdometry, SmallGicp
-
-    return FrameToFrameOdometry(SmallGicp(SMALL_GICP.load()))
-
-
-def _sift(features: MethodConfig, stopwatch: StageTimer) -> Odometry:
-    from vo_service.tools.compare.baselines.frame_to_frame import sift_odometry
-
-    return sift_odometry(features.count, stopwatch)
-
-
-def _orb(features: MethodConfig, stopwatch: StageTimer) -> Odometry:
-    from vo_service.tools.compare.baselines.frame_to_frame import orb_odometry
-
-    return orb_odometry(features.count, stopwatch)
-
-
-BASELINES: Mapping[str, Baseline] = {
-    "cv2-rgb": _opencv("RGB"),
-    "cv2-rgb-depth": _opencv("RGB_DEPTH"),
-    "cv2-depth": _opencv("DEPTH"),
-    "open3d-icp": Baseline(OPEN3D, _open3d_icp),
-    "open3d-hybrid": Baseline(OPEN3D, _open3d_hybrid),
-    "small-gicp": Baseline(SMALL_GICP, _small_gicp),
-    "sift": Baseline(OPENCV, _sift),
-    "orb": Baseline(OPENCV, _orb),
+# Their makers are in `frame_to_frame`, which imports OpenCV.
+BASELINES: Mapping[str, BaselinePackage] = {
+    "cv2-rgb": OPENCV,
+    "cv2-rgb-depth": OPENCV,
+    "cv2-depth": OPENCV,
+    "open3d-icp": OPEN3D,
+    "open3d-hybrid": OPEN3D,
+    "small-gicp": SMALL_GICP,
+    "sift": OPENCV,
+    "orb": OPENCV,
 }
 # It has a factory of its own, because it needs the recording.
 ORB_SLAM3 = "orb-slam3"
@@ -125,7 +74,7 @@ BASELINE_NAMES = (*BASELINES, ORB_SLAM3)
 
 def find_package(name: str) -> BaselinePackage:
     """Return the package of one of `BASELINE_NAMES`."""
-    return PYORBSLAM3 if name == ORB_SLAM3 else BASELINES[name].package
+    return PYORBSLAM3 if name == ORB_SLAM3 else BASELINES[name]
 
 
 @dataclass(frozen=True)
@@ -138,7 +87,7 @@ class BaselineFactory:
     @property
     def settings(self) -> Mapping[str, object]:
         """Name, package version and number of features."""
-        package = BASELINES[self.name].package
+        package = BASELINES[self.name]
         return {
             "peer": self.name,
             "package": f"{package.pip_names[0]} {package.version}".strip(),
@@ -152,7 +101,7 @@ class BaselineFactory:
 
     def prepare(self, on_progress: Callable[[str], None]) -> None:
         """Load its library and process warm-up frames."""
-        on_progress(BASELINES[self.name].package.module)
+        on_progress(BASELINES[self.name].module)
         run_warm_up_frames(lambda: self._make(StageReporter(on_progress)))
 
     def make(self, stopwatch: StageTimer, recording: Recording) -> Odometry:
@@ -160,4 +109,7 @@ class BaselineFactory:
         return self._make(stopwatch)
 
     def _make(self, stopwatch: StageTimer) -> Odometry:
-        return BASELINES[self.name].make(self.features, stopwatch)
+        from vo_service.tools.compare.baselines.frame_to_frame import make_baseline
+
+        library = BASELINES[self.name].load()
+        return make_baseline(self.name, library, self.features.count, stopwatch)

@@ -10,6 +10,7 @@ from drivers.camera import RgbdFrame
 from tests.vo_service.odometry.icp.depth_views import ROOM, add_noise, hand_held_pose, render_view
 from tests.vo_service.odometry.synthetic_views import render_corner
 from vo_service.odometry.registry import MethodConfig
+from vo_service.tools.compare.baselines.frame_to_frame import make_baseline
 from vo_service.tools.compare.baselines.registry import BASELINES, BaselineFactory
 from vo_service.types.odometry import NullStageTimer
 
@@ -26,9 +27,9 @@ def render(name: str, seq: int) -> RgbdFrame:
 
 @pytest.mark.parametrize("name", list(BASELINES))
 def test_each_tracks_a_few_views_and_fails_on_an_empty_one(name: str) -> None:
-    package = BASELINES[name].package
+    package = BASELINES[name]
     pytest.importorskip(package.module, reason=f"needs {package.install_command}")
-    odometry = BASELINES[name].make(MethodConfig(), NullStageTimer())
+    odometry = make_baseline(name, package.load(), MethodConfig().count, NullStageTimer())
     views = [render(name, seq) for seq in range(3)]
     estimates = [odometry.estimate(view) for view in views]
     assert all(e.ok for e in estimates)

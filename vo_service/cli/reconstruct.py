@@ -132,6 +132,7 @@ def run(request: ReconstructionRequest) -> int:
         )
     recording = open_requested(request.folder, config.camera.file, request.topics)
     known = None if request.trajectory is None else _read_poses(request.trajectory, recording)
+    camera = RecordingCamera(request.folder, config.camera.file, topics=request.topics)
     volume = _make_volume(request)
     create_output_folder(request.output)
     with (
@@ -143,7 +144,6 @@ def run(request: ReconstructionRequest) -> int:
         with stop.without_exceptions():  # the kernels run on this thread
             run_warm_up(warm_up_reconstruction, terminal, stop)
             if known is None:
-                camera = _make_camera(request, config.camera.file)
                 tracked = track_recording(
                     request.folder, camera, config, request.loop_closure, terminal, stop
                 )
@@ -152,7 +152,6 @@ def run(request: ReconstructionRequest) -> int:
             else:
                 tracked = TrackedRecording(known, {})
             reconstructor = Reconstructor(volume, tracked.poses, previews)
-            camera = _make_camera(request, config.camera.file)
             with camera, terminal.busy("fusing") as busy:
                 reconstructor.run(camera, stop.event, busy.progress_callback("frame"))
         with terminal.busy("making the map") as busy:
@@ -163,10 +162,6 @@ def run(request: ReconstructionRequest) -> int:
     terminal.write_line(f"results: {request.output}{ending}")
     print(json.dumps(report.as_json()) if request.json else report.as_table())
     return stop.exit_code
-
-
-def _make_camera(request: ReconstructionRequest, camera_file: Path | None) -> RecordingCamera:
-    return RecordingCamera(request.folder, camera_file, topics=request.topics)
 
 
 def _load_scene_class() -> type[PreviewScene[PreviewFrame]]:

@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.core import InputError
 from tests.vo_service.outputs.rerun.rerun_recording import count_rows, is_complete
 from tests.vo_service.reconstruction.scenes import CAMERA
 from vo_service.outputs.rerun.preview import open_previews
@@ -37,12 +36,3 @@ def test_the_recording_has_each_camera_and_each_new_mesh(seen_ball: Mesh, tmp_pa
 def test_without_a_target_nothing_is_shown() -> None:
     with open_previews((), "test", lambda: ReconstructionScene, pytest.fail) as previews:
         assert not previews
-
-
-def test_two_equal_targets_are_rejected(tmp_path: Path) -> None:
-    target = str(tmp_path / "map.rrd")
-    with (
-        pytest.raises(InputError, match="the same; remove one"),
-        open_previews((target, target), "test", lambda: ReconstructionScene, pytest.fail),
-    ):
-        pytest.fail("opened")

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import pytest
 
+from drivers.camera import PlaybackMode
+from vo_service.cli.options import at_pace
 from vo_service.cli.request import (
     CommandRequest,
     add_options,
@@ -59,3 +61,17 @@ def test_an_option_has_the_limits_of_the_key_that_it_sets(
 def test_an_option_sets_its_key_only_if_it_is_given() -> None:
     assert with_options(parse("desk", "--voxel-m", "0.1"), Config()).map.voxel_m == 0.1
     assert with_options(parse("desk"), Config()) == Config()
+
+
+@pytest.mark.parametrize(
+    ("pace", "adapts"), [(PlaybackMode.LOCKSTEP, False), (PlaybackMode.REALTIME, True)]
+)
+def test_lockstep_has_no_load_shedding(pace: PlaybackMode, adapts: bool) -> None:
+    assert at_pace(Config(), pace).load.adapt is adapts
+
+
+@pytest.mark.parametrize(
+    ("pace", "knows"), [(PlaybackMode.LOCKSTEP, False), (PlaybackMode.REALTIME, True)]
+)
+def test_lockstep_waits_for_no_other_process(pace: PlaybackMode, knows: bool) -> None:
+    assert at_pace(Config(), pace).map.loop_closure is knows

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from drivers.core import InputError
 from tests.conftest import FRAMES
 from tests.vo_service.captured_terminal import CapturedTerminal
 from tests.vo_service.tools.compare.faulty_methods import FaultyMethodFactory
@@ -177,13 +176,3 @@ def test_the_truth_is_in_the_key_only_if_it_is_used(copy_recording: CopyRecordin
     truth.write_text("\n".join(truth.read_text().splitlines()[:-1]) + "\n")
     assert key(folder, without_truth) == keys[0]
     assert key(folder, with_truth) != keys[1]
-
-
-def test_two_folders_with_the_same_name_are_rejected(
-    copy_recording: CopyRecording, tmp_path: Path
-) -> None:
-    folders = [copy_recording(name="a/desk"), copy_recording(name="b/desk")]
-    with pytest.raises(
-        InputError, match=r"a/desk and .*b/desk: results are stored by the folder's"
-    ):
-        open_recordings(folders, None)

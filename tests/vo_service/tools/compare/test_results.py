@@ -15,7 +15,6 @@ from tests.vo_service.tools.compare.sample_runs import (
 from vo_service.tools.compare.batch import BatchResult
 from vo_service.tools.compare.recordings import BenchmarkRecording
 from vo_service.tools.compare.results import (
-    EVALUATION_KEYS,
     RunEvaluation,
     collect_results,
     evaluate_run,
@@ -59,14 +58,6 @@ def test_the_reason_for_a_degraded_pose_is_not_one_for_a_lost_frame() -> None:
     assert judged.lost_reasons == [("lost at #", 4)]
 
 
-def test_without_truth_there_is_coverage_and_no_error() -> None:
-    judged = evaluate_outcome(make_recording(has_truth=False), lost=range(10))
-    assert judged.coverage == 0.75
-    metrics = judged.as_json()
-    assert metrics["no_evaluation"] == "there is no groundtruth.txt"
-    assert {metrics[key] for key in EVALUATION_KEYS} == {None}
-
-
 def test_a_run_with_too_few_poses_has_a_reason_for_no_evaluation() -> None:
     none = evaluate_outcome(make_recording(), lost=range(FRAMES))
     assert (none.coverage, none.no_evaluation_reason) == (0.0, "no frame has a pose")
@@ -75,12 +66,6 @@ def test_a_run_with_too_few_poses_has_a_reason_for_no_evaluation() -> None:
     assert few.no_evaluation_reason.startswith(
         "2 of 2 poses have ground truth within 20 ms, 3 are needed"
     )
-
-
-def test_a_crash_has_a_state_and_no_metrics() -> None:
-    metrics = evaluate_run(BatchResult(make_recording(), "icp", CRASH)).as_json()
-    assert (metrics["state"], metrics["error"]) == ("crashed", CRASH.error)
-    assert metrics["frames"] is metrics["cpu_s"] is metrics["coverage"] is None
 
 
 def test_an_optimized_trajectory_is_evaluated_beside_the_methods_own() -> None:

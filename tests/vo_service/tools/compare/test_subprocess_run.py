@@ -105,14 +105,6 @@ def test_a_run_that_takes_too_long_is_killed(recording: Path) -> None:
 
 
 @pytest.mark.usefixtures("forked_runs")
-def test_a_stop_ends_the_run_at_once(recording: Path) -> None:
-    stop = threading.Event()
-    request = RunRequest(recording, None, FaultyMethodFactory("hang"))
-    outcome = run_in_subprocess(request, DEFAULT_TIMEOUT_S, lambda message: stop.set(), stop)
-    assert (outcome.state, outcome.error) == (RunState.NOT_RUN, "stopped before its end")
-
-
-@pytest.mark.usefixtures("forked_runs")
 def test_an_unreadable_frame_is_in_our_log(
     copy_recording: Callable[..., Path], caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -19,7 +19,6 @@ from tests.vo_service.tools.compare.sample_runs import (
 from vo_service.tools.compare.recordings import FrameSelection
 from vo_service.tools.compare.report.metrics import METRICS, RATIO_METRICS, metrics_as_json
 from vo_service.tools.compare.report.tables import (
-    PUBLISHED_RESULTS,
     Table,
     cost_table,
     error_table,
@@ -176,10 +175,3 @@ def test_only_the_papers_complete_sequences_have_its_results(folder: str, known:
     recording = replace(WALK, folder=Path("/data") / folder)
     assert bool(find_published_results(recording)) == known
     assert not find_published_results(recording.select(FrameSelection(step=2)))
-
-
-def test_the_published_results_are_correct() -> None:
-    assert PUBLISHED_RESULTS == {
-        "floor": {"surf": (0.05, 458), "icp": (0.12, 621), "sfm": (0.51, 950)},
-        "teddy": {"surf": (0.13, 953), "icp": (0.74, 1155), "sfm": (0.22, 1430)},
-    }

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 from drivers.camera import Clock, PlaybackMode, RgbdCamera
 from drivers.core import CameraError, UserFacingError
 from drivers.core.memory import release_memory
-from drivers.recording.odometry import OdometryRecord
 from drivers.registry import make_reconnecting
 from vo_service.config import Config, ConfigChanges
 from vo_service.config_tables import CommandConfig, RerunConfig, ZenohConfig
@@ -40,6 +39,7 @@ from vo_service.signals import StopSignal
 from vo_service.terminal import set_log_level
 from vo_service.types.commands import ReloadConfig
 from vo_service.types.odometry import Odometry
+from vo_service.types.odometry_update import WheelMessageSource
 from vo_service.types.outputs import (
     GroundTruthSource,
     HasWarning,
@@ -114,7 +114,7 @@ class OutputsConfig:
     mcap: Path | None = None
     trajectory: Path | None = None
     ground_truth: GroundTruthSource = no_ground_truth
-    wheel_messages: Callable[[], Sequence[OdometryRecord]] = tuple
+    wheel_messages: WheelMessageSource = tuple
     log_line: Callable[[str], None] = logger.info
 
 
@@ -198,13 +198,13 @@ def open_frames(config: Config) -> "list[FrameOutput]":
     return open_frame_outputs(settings, config.zenoh)
 
 
-def open_recorder(config: Config) -> Recorder:
+def open_recorder(config: Config, wheel_messages: WheelMessageSource = tuple) -> Recorder:
     """Open the flight recorder; a `NullRecorder` if it is disabled or fails."""
     if not config.recorder.enabled:
         return NullRecorder("the recorder is switched off (recorder.enabled)")
     from vo_service.outputs.recorder.client import open_recorder
 
-    return open_recorder(config.recorder, asdict(config))
+    return open_recorder(config.recorder, asdict(config), wheel_messages)
 
 
 def open_mapper(config: Config) -> Mapper:

@@ -7,9 +7,10 @@ takes 1.0 to 1.1 bytes per pixel.
 """
 
 import pickle
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -19,10 +20,14 @@ from drivers.camera import PinholeCamera, RgbdFrame, TimingPrior
 from drivers.core.geometry import Array
 from drivers.core.jit import kernel
 from drivers.core.process.record_ring import RecordRingWriter, RingRecord
+from drivers.recording.odometry import OdometryRecord
 from vo_service.types.odometry_update import OdometryUpdate, TrackingState
 
-# Upper bound; the only text in the metadata is the reason.
-MAX_METADATA_BYTES = 4096
+# Upper bounds; the only text in the metadata is the reason, beside the messages of the wheels. One
+# has 750 bytes.
+MAX_ODOMETRY_BYTES = 16_384
+MAX_METADATA_BYTES = 4096 + MAX_ODOMETRY_BYTES
+ODOMETRY_OVERHEAD_BYTES = 64
 _MAX_REASON_CHARS = 200
 
 # Packs a depth image into the start of a buffer, and returns the number of bytes used.
@@ -62,6 +67,7 @@ class FrameMetadata:
         published: The published part of its update.
         depth_bytes: Length of the packed depth, bytes; the color image follows it.
         extra: Further data of the writer, such as the mapper's; None = none.
+        odometry: Messages of the wheels before the frame, with published stamps.
     """
 
     seq: int
@@ -77,6 +83,7 @@ class FrameMetadata:
     published: PublishedOdometry
     depth_bytes: int
     extra: object = None
+    odometry: Sequence[OdometryRecord] = ()
 
     @property
     def clock_offset_s(self) -> float:
@@ -85,12 +92,17 @@ class FrameMetadata:
 
 
 def write_frame(
-    ring: RecordRingWriter, update: OdometryUpdate, pack: PackDepth, extra: object = None
+    ring: RecordRingWriter,
+    update: OdometryUpdate,
+    pack: PackDepth,
+    extra: object = None,
+    odometry: Sequence[OdometryRecord] = (),
 ) -> None:
     """Copy a frame into the ring.
 
     Args:
         extra: Further data for the metadata; it is pickled.
+        odometry: Messages of the wheels; the newest `MAX_ODOMETRY_BYTES` are kept.
 
     Raises:
         OSError: If there is not enough memory for the frame.
@@ -101,7 +113,7 @@ def write_frame(
     depth_bytes = pack(frame.depth_raw, buffer)
     length = depth_bytes + frame.color_bgr.nbytes
     buffer[depth_bytes:length].reshape(frame.color_bgr.shape)[:] = frame.color_bgr
-    metadata = pickle.dumps(_make_metadata(update, depth_bytes, extra))
+    metadata = pickle.dumps(_make_metadata(update, depth_bytes, extra, _newest(odometry)))
     ring.commit(length, metadata, bound, frame.stamp_s)
 
 
@@ -137,7 +149,16 @@ def decode_frame(record: RingRecord, clock_offset_s: float) -> RgbdFrame:
     )
 
 
-def _make_metadata(update: OdometryUpdate, depth_bytes: int, extra: object) -> FrameMetadata:
+def _newest(odometry: Sequence[OdometryRecord]) -> Sequence[OdometryRecord]:
+    """Return the newest messages that have a place in the metadata."""
+    sizes = accumulate(len(each.message) + ODOMETRY_OVERHEAD_BYTES for each in reversed(odometry))
+    count = sum(size <= MAX_ODOMETRY_BYTES for size in sizes)
+    return tuple(odometry[len(odometry) - count :])
+
+
+def _make_metadata(
+    update: OdometryUpdate, depth_bytes: int, extra: object, odometry: Sequence[OdometryRecord]
+) -> FrameMetadata:
     frame = update.frame
     published = PublishedOdometry(
         seq=update.seq,
@@ -163,6 +184,7 @@ def _make_metadata(update: OdometryUpdate, depth_bytes: int, extra: object) -> F
         published=published,
         depth_bytes=depth_bytes,
         extra=extra,
+        odometry=odometry,
     )
 
 

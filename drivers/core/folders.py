@@ -18,6 +18,7 @@ KERNEL_SOURCES = (
     "drivers/camera.py",
     "drivers/core",
     "drivers/recording/image_encoding.py",
+    "drivers/recording/odometry.py",
     "drivers/synthetic",
     "vo_service/frame_record.py",
     "vo_service/navigation",

@@ -209,7 +209,7 @@ def _make_outputs_config(
         extra_endpoints=ExtraEndpoints(
             commands, config.ros2, make_wheel_subscription(config, wheel_odometry)
         ),
-        recorder=partial(open_recorder, config),
+        recorder=partial(open_recorder, config, wheel_odometry.open_journal().take),
         mapper=partial(open_mapper, config),
         rerun=config.rerun,
         extra=config.outputs.extra,

@@ -5,7 +5,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -46,7 +46,11 @@ from vo_service.types.messages import (
     pose_transforms,
     timing_payload,
 )
-from vo_service.types.odometry_update import OdometryUpdate
+from vo_service.types.odometry_update import (
+    OdometryUpdate,
+    UpdateWithWheels,
+    WheelMessageSource,
+)
 from vo_service.types.outputs import GroundTruthSource, no_ground_truth
 
 logger = logging.getLogger(__name__)
@@ -60,16 +64,6 @@ MAX_QUEUED = 8
 MIN_FILE_BYTES = 100_000_000
 PATH_COLOR_BGR = (40, 150, 255)
 CLOSE_TIMEOUT_S, LOCKSTEP_CLOSE_TIMEOUT_S = 2.0, 25.0
-# Returns the messages of the wheels since its last call.
-WheelMessageSource = Callable[[], Sequence[OdometryRecord]]
-
-
-@dataclass(frozen=True)
-class UpdateWithWheels:
-    """An update, and the messages of the wheels before it."""
-
-    update: OdometryUpdate
-    wheel_messages: Sequence[OdometryRecord]
 
 
 # A status has the time at which the service gave it, CLOCK_MONOTONIC.

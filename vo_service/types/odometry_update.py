@@ -1,11 +1,12 @@
 """The update that the service publishes of a frame."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array
+from drivers.recording.odometry import OdometryRecord
 from vo_service.types.estimate import Estimate
 from vo_service.types.level import UNKNOWN_LEVEL, Level
 from vo_service.types.map_snapshot import NO_MAP, MapSnapshot
@@ -72,3 +73,15 @@ class OdometryUpdate:
         """
         the_map = self.map
         return the_map is NO_MAP or (the_map.is_localized and the_map.epoch == self.epoch)
+
+
+# Returns the messages of the wheels since its last call.
+WheelMessageSource = Callable[[], Sequence[OdometryRecord]]
+
+
+@dataclass(frozen=True)
+class UpdateWithWheels:
+    """An update, and the messages of the wheels since the one before, for a recording."""
+
+    update: OdometryUpdate
+    wheel_messages: Sequence[OdometryRecord]

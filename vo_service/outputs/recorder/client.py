@@ -30,7 +30,11 @@ from vo_service.outputs.recorder.messages import (
 from vo_service.process_output import FaultReporter, ProcessOutput, warn_disabled
 from vo_service.types.commands import CommandError, NotPossibleError
 from vo_service.types.messages import Status, versions
-from vo_service.types.odometry_update import OdometryUpdate
+from vo_service.types.odometry_update import (
+    OdometryUpdate,
+    UpdateWithWheels,
+    WheelMessageSource,
+)
 from vo_service.types.outputs import NullRecorder, Recorder
 
 logger = logging.getLogger(__name__)
@@ -48,7 +52,7 @@ WORKER_SPEC = WorkerSpec(
 _MAX_QUEUED = 8
 
 
-class FlightRecorder(ProcessOutput[OdometryUpdate | StampedStatus, RecorderWorkerConfig]):
+class FlightRecorder(ProcessOutput[UpdateWithWheels | StampedStatus, RecorderWorkerConfig]):
     """A `Recorder` that keeps the last seconds in shared memory, which survives a crash.
 
     A thread packs the frames. A second process writes them to disk: when tracking is lost, on
@@ -58,15 +62,21 @@ class FlightRecorder(ProcessOutput[OdometryUpdate | StampedStatus, RecorderWorke
         settings: The recorder's settings.
         state_folder: Parent of the folders of incidents and recordings.
         service_info: Copied into each incident as JSON.
+        wheel_messages: Returns the messages of the wheels since its last call.
 
     Raises:
         OSError: The memory cannot be allocated.
     """
 
     def __init__(
-        self, settings: RecorderConfig, state_folder: Path, service_info: Mapping[str, object]
+        self,
+        settings: RecorderConfig,
+        state_folder: Path,
+        service_info: Mapping[str, object],
+        wheel_messages: WheelMessageSource = tuple,
     ) -> None:
         super().__init__(NAME)
+        self._wheel_messages = wheel_messages
         self.recording = self._saving_name = self._process_fault = ""
         self._recording_names: frozenset[str] = frozenset()
         self._missed_frames = 0
@@ -98,8 +108,8 @@ class FlightRecorder(ProcessOutput[OdometryUpdate | StampedStatus, RecorderWorke
         return self._history.frames.record_count
 
     def on_update(self, update: OdometryUpdate) -> None:
-        """Queue a frame and its result."""
-        self._thread.put(update)
+        """Queue a frame, its result, and the messages of the wheels until then."""
+        self._thread.put(UpdateWithWheels(update, self._wheel_messages()))
         now_s = time.monotonic()
         self._loss_trigger.update(update.state, now_s)
         self._save_loss_if(self._loss_trigger.is_due(now_s))
@@ -169,7 +179,7 @@ class FlightRecorder(ProcessOutput[OdometryUpdate | StampedStatus, RecorderWorke
         except CommandError as error:
             logger.warning("recorder: cannot write the incident of a tracking loss: %s", error)
 
-    def _pass_on(self, item: OdometryUpdate | StampedStatus) -> None:
+    def _pass_on(self, item: UpdateWithWheels | StampedStatus) -> None:
         with self._writing_memory("the last frames"):
             self._history.append(item, self.dropped)
 
@@ -214,16 +224,21 @@ class FlightRecorder(ProcessOutput[OdometryUpdate | StampedStatus, RecorderWorke
             self._history.close()
 
 
-def open_recorder(settings: RecorderConfig, config: Mapping[str, object]) -> Recorder:
+def open_recorder(
+    settings: RecorderConfig,
+    config: Mapping[str, object],
+    wheel_messages: WheelMessageSource = tuple,
+) -> Recorder:
     """Open the configured recorder; a `NullRecorder` if it fails.
 
     Args:
         settings: The recorder's settings.
         config: The service's configuration, copied into each incident with the versions.
+        wheel_messages: See `FlightRecorder`.
     """
     service_info = {"versions": versions(), "config": config}
     try:
-        return FlightRecorder(settings, state_folder(), service_info)
+        return FlightRecorder(settings, state_folder(), service_info, wheel_messages)
     except (UserFacingError, OSError) as error:
         reason = warn_disabled("recorder: switched off", "cannot allocate its memory", error)
         return NullRecorder(reason, reason)

@@ -12,7 +12,7 @@ from drivers.core.files import MEGABYTE
 from drivers.core.process.record_ring import RecordRingWriter
 from vo_service.frame_record import compile_kernels, pack_depth, write_frame
 from vo_service.types.messages import Status
-from vo_service.types.odometry_update import OdometryUpdate
+from vo_service.types.odometry_update import UpdateWithWheels
 
 STATUS_RING_S = 60.0
 STATUS_RING_BYTES = 1_000_000
@@ -49,14 +49,14 @@ class FrameHistory:
             raise
         compile_kernels()
 
-    def append(self, item: OdometryUpdate | StampedStatus, missed: int) -> None:
+    def append(self, item: UpdateWithWheels | StampedStatus, missed: int) -> None:
         """Append an item. `missed` counts dropped items.
 
         Raises:
             OSError: If there is no memory.
         """
-        if isinstance(item, OdometryUpdate):
-            write_frame(self.frames, item, pack_depth)
+        if isinstance(item, UpdateWithWheels):
+            write_frame(self.frames, item.update, pack_depth, odometry=item.wheel_messages)
         else:
             self._put_status(item, missed)
 

@@ -111,8 +111,9 @@ class IncidentWriter:
         offset_s = decode_metadata(first.metadata).clock_offset_s
         with FrameRecorder(TumFolder(folder)) as writer:
             for record in chain([first], records):
-                writer.write(decode_frame(record, offset_s))
-                self._written.append(decode_metadata(record.metadata))
+                metadata = decode_metadata(record.metadata)
+                writer.write(decode_frame(record, offset_s), odometry=metadata.odometry)
+                self._written.append(metadata)
         poses = (n for n in self._written if n.published.has_pose)
         lines = [format_pose_line(n.stamp_s + offset_s, n.published.T_world_camera) for n in poses]
         atomic_write(folder / "trajectory.txt", "".join([f"# {COLUMNS}\n", *lines]).encode())

@@ -120,7 +120,8 @@ class RecordingWriter:
                 TumFolder(self.folder, color_format=COLOR_FORMAT, min_free_bytes=MIN_FREE_BYTES)
             )
             self._writer = stack.enter_context(writer)
-        self._writer.write(decode_frame(record, self._offset_s))
+        odometry = decode_metadata(record.metadata).odometry
+        self._writer.write(decode_frame(record, self._offset_s), odometry=odometry)
 
 
 # After a crash systemd waits 10 s (TimeoutStopSec) before it kills the process.

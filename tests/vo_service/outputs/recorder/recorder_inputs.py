@@ -16,7 +16,7 @@ from vo_service.outputs.recorder.client import FlightRecorder
 from vo_service.types.commands import CommandError
 from vo_service.types.estimate import Estimate
 from vo_service.types.messages import Status, TrackingReport
-from vo_service.types.odometry_update import OdometryUpdate, TrackingState
+from vo_service.types.odometry_update import OdometryUpdate, TrackingState, WheelMessageSource
 
 CAMERA = PinholeCamera(width=64, height=48, fx=60.0, fy=60.0, cx=31.5, cy=23.5)
 START_S = 1305031453.359684
@@ -80,10 +80,13 @@ def make_recorder_status(frames: int = 0) -> Status:
 
 @contextmanager
 def running_recorder(
-    state: Path, settings: RecorderConfig | None = None
+    state: Path,
+    settings: RecorderConfig | None = None,
+    wheel_messages: WheelMessageSource = tuple,
 ) -> Iterator[FlightRecorder]:
     """Run a flight recorder while the block runs."""
-    recorder = FlightRecorder(settings or RecorderConfig(max_mb=20), state, METADATA)
+    settings = settings or RecorderConfig(max_mb=20)
+    recorder = FlightRecorder(settings, state, METADATA, wheel_messages)
     try:
         wait_until(lambda: recorder.is_ready, "the recorder's process")
         yield recorder

@@ -12,6 +12,8 @@ import pytest
 
 from drivers.camera import PinholeCamera
 from drivers.core.process.record_ring import RecordRingReader, RecordRingWriter
+from drivers.recording.odometry import OdometryRecord
+from drivers.tum.odometry import read_odometry
 from tests.drivers.tum.read_recording import read_recording
 from tests.resource_leaks import child_pids
 from tests.vo_service.outputs.recorder.recorder_inputs import (
@@ -19,6 +21,7 @@ from tests.vo_service.outputs.recorder.recorder_inputs import (
     make_frame,
     make_update,
     running_recorder,
+    save_incident,
     send_updates,
 )
 from tests.waiting import wait_until
@@ -58,6 +61,30 @@ def test_every_frame_between_start_and_stop_is_recorded(
     )
     for seq, frame in enumerate(found, 3):  # depth is exact; color is JPEG
         np.testing.assert_array_equal(frame.depth_raw, make_frame(seq).depth_raw)
+
+
+def test_the_messages_of_the_wheels_are_recorded_and_in_incidents(tmp_path: Path) -> None:
+    def message(number: int) -> OdometryRecord:
+        return OdometryRecord(100.0 + number, b"%04d" % number * 180)
+
+    sent = iter([[message(2 * k), message(2 * k + 1)] for k in range(5)])
+    with running_recorder(tmp_path, SMALL, lambda: next(sent)) as recorder:
+        folder = Path(recorder.start_recording("drive"))
+        send_updates(recorder, *map(make_update, range(5)))
+        recorder.stop_recording()
+        incident = save_incident(recorder, "command")
+    for each in (folder, incident):
+        assert list(read_odometry(each)) == [message(k).message for k in range(10)]
+
+
+def test_of_a_flood_of_messages_the_newest_are_recorded(tmp_path: Path) -> None:
+    flood = [OdometryRecord(float(k), b"%04d" % k * 180) for k in range(1000)]
+    with running_recorder(tmp_path, SMALL, lambda: flood) as recorder:
+        folder = Path(recorder.start_recording("drive"))
+        send_updates(recorder, *map(make_update, range(2)))
+    kept = list(read_odometry(folder))
+    assert kept[-1] == flood[-1].message
+    assert 20 <= len(kept) <= 50
 
 
 def test_more_frames_than_the_ring_holds_are_recorded(tmp_path: Path) -> None:

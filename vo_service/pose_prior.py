@@ -49,9 +49,11 @@ class PosePriors:
             frame: The next frame.
             published_s: Its stamp on the published clock.
         """
+        # At each frame, as faults of the wheels need its time.
+        last_s = published_s if self._last is None else self._last.stamp_s
+        motion = self._wheels.motion_between(last_s, published_s)
         if self._last is None:
             return frame
-        motion = self._wheels.motion_between(self._last.stamp_s, published_s)
         by_wheels = None if motion is None else self._wheel_prior(motion)
         if self._leveling is None:
             return frame if by_wheels is None else replace(frame, pose_prior=by_wheels)

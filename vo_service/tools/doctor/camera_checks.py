@@ -13,6 +13,7 @@ from vo_service.tools.doctor.library_checks import LIBRARIES, check_firmware, ch
 from vo_service.tools.doctor.stream_checks import (
     check_clock_rate,
     check_first_frames,
+    check_floor,
     check_focal_length,
     check_frame_rate,
     check_gravity,
@@ -53,6 +54,7 @@ CHECKS = (
     Check("focal-length", check_focal_length, FRAMES, SENSORS),
     Check("clock", check_clock_rate, FRAMES, SENSORS),
     Check("gravity", check_gravity, FRAMES),
+    Check("floor", check_floor, FRAMES),
 )
 
 

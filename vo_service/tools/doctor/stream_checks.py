@@ -6,7 +6,13 @@ from statistics import median
 import numpy as np
 
 from drivers.camera import TimingSource
-from drivers.core.geometry import is_gravity
+from drivers.core.geometry import (
+    R_BODY_OPTICAL,
+    T_BODY_CAMERA,
+    is_gravity,
+    quaternion_from_rotation,
+)
+from vo_service.odom_frame import align_to_up
 from vo_service.tools.calibration.timing import (
     CONTRADICTION_SIGMAS,
     SensorTiming,
@@ -233,6 +239,30 @@ def check_gravity(context: CheckContext) -> Finding:
     if not is_gravity(vector):
         return warned(text, "hold the sensor still and run doctor again", **facts)
     return passed(text, **facts)
+
+
+def check_floor(context: CheckContext) -> Finding:
+    """Measure the mount of the camera by the floor in view: its height and its tilt."""
+    floors = [each.floor for each in context.stream.samples if each.floor is not None]
+    if not floors:
+        return unknown(
+            "not in view; for the mount of a robot's camera, show it two meters of floor"
+        )
+    height_m = median(floor.height_m for floor in floors)
+    up = np.median([floor.up for floor in floors], axis=0)
+    right, down, forward = (-up / np.linalg.norm(up)).tolist()
+    tilts = [
+        *_describe_tilt(forward, down, ("looks {}° down", "looks {}° up")),
+        *_describe_tilt(right, down, ("is rolled {}° to the right", "is rolled {}° to the left")),
+    ]
+    T_base_camera = align_to_up(R_BODY_OPTICAL @ up) @ T_BODY_CAMERA
+    quaternion_xyzw = quaternion_from_rotation(T_base_camera[:3, :3]).round(4).tolist()
+    return passed(
+        f"{height_m:.2f} m below the camera, which {' and '.join(tilts) or 'is level'}; in "
+        f"T_base_camera: quaternion_xyzw = {quaternion_xyzw}",
+        height_m=round(height_m, 3),
+        quaternion_xyzw=quaternion_xyzw,
+    )
 
 
 def _describe_tilt(sideways: float, down: float, templates: tuple[str, str]) -> list[str]:

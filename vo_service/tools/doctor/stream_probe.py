@@ -11,6 +11,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TypeVar, cast
 
+import numpy as np
+
 from drivers.camera import (
     CameraCounters,
     EndOfStream,
@@ -21,17 +23,27 @@ from drivers.camera import (
 )
 from drivers.core import InputError, UserFacingError
 from drivers.plausibility import PlausibilityCheck
+from vo_service.leveling.floor_plane import FloorDetector, FloorPlane
 
 POLL_PERIOD_S = 0.1
 # A driver's process may start slowly on a slow disk; later pauses must be shorter.
 MAX_START_S, MAX_PAUSE_S = 30.0, 5.0
 # A camera that reports why it sends nothing may still recover within this time.
 RECOVERY_TIMEOUT_S = 2.0
+# The floor is looked for in every n-th frame. Without an accelerometer the camera may look down by
+# any of these angles.
+FLOOR_STRIDE = 10
+FLOOR_PITCHES_RAD = np.radians(np.arange(-10.0, 65.0, 5.0))
+MAX_FLOOR_TILT_RAD = np.radians(5.0)
 
 
 @dataclass(frozen=True)
 class FrameSample:
-    """Measurements of one frame; the fields are those of `RgbdFrame` and its camera."""
+    """Measurements of one frame; the fields are those of `RgbdFrame` and its camera.
+
+    Attributes:
+        floor: The floor in view; looked for in every `FLOOR_STRIDE`-th frame.
+    """
 
     seq: int
     stamp_s: float
@@ -43,6 +55,7 @@ class FrameSample:
     timing_prior: TimingPrior | None
     serial: str
     fx: float
+    floor: FloorPlane | None = None
 
 
 @dataclass(frozen=True)
@@ -162,6 +175,18 @@ class _FrameTimeout:
             raise _StreamStoppedError(self._reason or f"no frame within {self._max_wait_s:g} s")
 
 
+def find_floor(frame: RgbdFrame) -> FloorPlane | None:
+    """Find the floor in view, by gravity or by the largest plane that may be one."""
+    if frame.gravity_m_s2 is not None:
+        gravity_m_s2 = np.array(frame.gravity_m_s2)
+        directions = [-gravity_m_s2 / np.linalg.norm(gravity_m_s2)]
+    else:
+        directions = [np.array([0.0, -np.cos(a), -np.sin(a)]) for a in FLOOR_PITCHES_RAD]
+    detector = FloorDetector(frame.camera)
+    found = [detector.find(frame, up, MAX_FLOOR_TILT_RAD) for up in directions]
+    return max(filter(None, found), key=lambda floor: floor.readings, default=None)
+
+
 def _make_sample(frame: RgbdFrame) -> FrameSample:
     return FrameSample(
         seq=frame.seq,
@@ -174,6 +199,7 @@ def _make_sample(frame: RgbdFrame) -> FrameSample:
         timing_prior=frame.timing_prior,
         serial=frame.serial,
         fx=frame.camera.fx,
+        floor=None if frame.seq % FLOOR_STRIDE else find_floor(frame),
     )
 
 

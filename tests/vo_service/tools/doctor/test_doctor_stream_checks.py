@@ -1,25 +1,31 @@
 """The checks of the frames."""
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from drivers.camera import CameraCounters, TimingPrior, TimingSource
+from drivers.core.geometry import rotation_from_quaternion
 from tests.vo_service.learned_updates import LEARNED, SERIAL
+from tests.vo_service.leveling.floor_views import floor_depth, make_view, mount
 from tests.vo_service.tools.doctor.doctor_fakes import (
     PERIOD_S,
     make_capture,
     make_context,
     make_samples,
 )
+from vo_service.leveling.floor_plane import FloorPlane
 from vo_service.sensor_memory import RememberedFocalLength, RememberedSensor
 from vo_service.tools.doctor.check import CheckContext
 from vo_service.tools.doctor.finding import CheckVerdict, Finding
 from vo_service.tools.doctor.stream_checks import (
     check_clock_rate,
     check_first_frames,
+    check_floor,
     check_focal_length,
     check_frame_rate,
     check_gravity,
@@ -28,7 +34,7 @@ from vo_service.tools.doctor.stream_checks import (
     check_skew,
     check_timing,
 )
-from vo_service.tools.doctor.stream_probe import StreamSample
+from vo_service.tools.doctor.stream_probe import StreamSample, find_floor
 
 CHECKS = (
     check_first_frames,
@@ -228,6 +234,31 @@ def test_no_gravity_matters_only_where_there_is_an_accelerometer() -> None:
     stream = with_frames(gravity_m_s2=lambda k: None)
     assert run_check(check_gravity, stream).verdict is CheckVerdict.WARNING
     assert run_check(check_gravity, stream, source="openni2").verdict is CheckVerdict.UNKNOWN
+
+
+def test_the_floor_in_view_tells_the_mount_of_the_camera() -> None:
+    down_rad = math.radians(12.0)
+    floor = FloorPlane(np.array([0.0, -math.cos(down_rad), -math.sin(down_rad)]), 0.62, 500)
+    finding = run_check(check_floor, with_frames(floor=lambda k: floor if k % 10 == 0 else None))
+    assert finding.verdict is CheckVerdict.PASS
+    assert finding.text.startswith(
+        "0.62 m below the camera, which looks 12° down; in T_base_camera"
+    )
+    R_base_camera = rotation_from_quaternion(finding.facts["quaternion_xyzw"])
+    np.testing.assert_allclose(R_base_camera @ floor.up, [0.0, 0.0, 1.0], atol=1e-3)
+
+
+def test_without_a_floor_in_view_the_mount_is_not_known() -> None:
+    assert run_check(check_floor, with_frames()).verdict is CheckVerdict.UNKNOWN
+
+
+@pytest.mark.parametrize("has_gravity", [True, False])
+def test_the_floor_is_found_with_and_without_an_accelerometer(has_gravity: bool) -> None:
+    up = mount(0.8, 0.4)[2, :3]
+    frame = make_view(floor_depth(up, 0.8), up=up if has_gravity else None)
+    floor = find_floor(frame)
+    assert floor is not None
+    assert floor.height_m == pytest.approx(0.8, abs=0.01)
 
 
 def test_the_source_of_the_intrinsics_is_reported() -> None:

@@ -7,6 +7,7 @@ import argparse
 import os
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -24,16 +25,21 @@ from drivers.core.geometry import (
     so3_exp,
     so3_log,
 )
+from vo_service.config_tables import WheelOdometryConfig
 from vo_service.odom_frame import OdomFrame
 from vo_service.odometry.warm_up import warm_up
 from vo_service.types.odometry_update import TrackingState
-from vo_service.wheel_odometry.wheel_odometry import NullWheelOdometry, WheelMotion
+from vo_service.wheel_odometry.planar_pose import PlanarPose, planar_part
+from vo_service.wheel_odometry.wheel_odometry import NullWheelOdometry, WheelMotion, WheelOdometry
+from vo_service.wheel_odometry.wheel_reading import WheelReading, encode_wheel_reading
 
 # The camera of the scene wall-drive is level, at this height.
 ROBOT_MOUNT = rigid_transform(R_BODY_OPTICAL, (0.0, 0.0, 1.3))
 SCENES = {"wall": T_BODY_CAMERA, "wall-drive": ROBOT_MOUNT}
 MAX_SIGMAS = 3.0
-SLIP_PERIOD_S = 5.0
+SLIP_PERIOD_S, SLIP_S = 5.0, 0.5
+TRANSLATION_SCALE, ROTATION_SCALE = 1.02, 1.03
+WHEEL_PERIOD_S = 0.02
 TABLE = Table(
     *(28, "frames:8d", "degraded:10d", "lost:6d", "epochs:8d", "ATE:8.1f", "largest:9.1f"),
     *("beyond 3 sigmas:17d", "CPU ms:8.2f"),
@@ -69,47 +75,92 @@ ROBOT = {
 }
 
 
-class SimulatedWheels(NullWheelOdometry):
-    """Wheels that tell the true motion with errors.
+class TrueMotion:
+    """True poses of the base at any time.
 
     Args:
         truth: True trajectory of the camera.
         T_base_camera: 4x4 mount of the camera.
-        variant: The errors.
     """
 
-    def __init__(self, truth: Trajectory, T_base_camera: Array, variant: Variant) -> None:
-        self._stamps_s = truth.stamps_s
+    def __init__(self, truth: Trajectory, T_base_camera: Array) -> None:
+        self.stamps_s = truth.stamps_s
         self._T_world_base = truth.T_world_camera @ inverse(T_base_camera)
-        self._variant = variant
-        self._rng = np.random.default_rng(1)
 
-    def motion_between(self, from_s: float, to_s: float) -> WheelMotion | None:
-        """The motion of the base, as its wheels tell it."""
-        begin, end = (self._pose_at(stamp_s - self._variant.late_s) for stamp_s in (from_s, to_s))
-        T = inverse(begin) @ end
-        is_slipping = (to_s - self._stamps_s[0]) % SLIP_PERIOD_S < 0.5
-        scale = 1.02 * (1.0 + self._variant.slip * is_slipping)
-        translation_m, rotation_rad = scale * T[:3, 3], 1.03 * so3_log(T[:3, :3])
-        sigma_m = 0.05 * np.linalg.norm(T[:3, 3]) + 0.5e-3
-        sigma_rad = 0.05 * np.linalg.norm(so3_log(T[:3, :3])) + 1e-3
-        noise = 0.2 * self._rng.normal(size=6)
-        moved = rigid_transform(
-            so3_exp(rotation_rad + sigma_rad * noise[3:]), translation_m + sigma_m * noise[:3]
-        )
-        return WheelMotion(moved, np.array([sigma_m] * 3 + [sigma_rad] * 3))
+    def between(self, from_s: float, to_s: float) -> Array:
+        """4x4 motion of the base between two stamps."""
+        return inverse(self._pose_at(from_s)) @ self._pose_at(to_s)
 
     def _pose_at(self, stamp_s: float) -> Array:
-        """4x4 pose of the base at a stamp, between two true ones."""
-        last = len(self._stamps_s) - 1
-        after = int(np.clip(np.searchsorted(self._stamps_s, stamp_s), 1, last))
+        last = len(self.stamps_s) - 1
+        after = int(np.clip(np.searchsorted(self.stamps_s, stamp_s), 1, last))
         begin, end = self._T_world_base[after - 1], self._T_world_base[after]
-        step_s = self._stamps_s[after] - self._stamps_s[after - 1]
-        share = np.clip((stamp_s - self._stamps_s[after - 1]) / step_s, 0.0, 1.0)
+        step_s = self.stamps_s[after] - self.stamps_s[after - 1]
+        share = np.clip((stamp_s - self.stamps_s[after - 1]) / step_s, 0.0, 1.0)
         T = inverse(begin) @ end
         moved = rigid_transform(so3_exp(share * so3_log(T[:3, :3])), share * T[:3, 3])
         moved_base: Array = begin @ moved
         return moved_base
+
+
+class HandOdometry(NullWheelOdometry):
+    """The odometry of a camera that moves in all directions, with errors of scale and noise."""
+
+    def __init__(self, motion: TrueMotion) -> None:
+        self._motion, self._rng = motion, np.random.default_rng(1)
+
+    def motion_between(self, from_s: float, to_s: float) -> WheelMotion | None:
+        """The motion as it is told."""
+        T = self._motion.between(from_s, to_s)
+        translation_m, rotation_rad = T[:3, 3], so3_log(T[:3, :3])
+        sigma_m = 0.05 * np.linalg.norm(translation_m) + 0.5e-3
+        sigma_rad = 0.05 * np.linalg.norm(rotation_rad) + 1e-3
+        noise = 0.2 * self._rng.normal(size=6)
+        moved = rigid_transform(
+            so3_exp(ROTATION_SCALE * rotation_rad + sigma_rad * noise[3:]),
+            TRANSLATION_SCALE * translation_m + sigma_m * noise[:3],
+        )
+        return WheelMotion(moved, np.array([sigma_m] * 3 + [sigma_rad] * 3))
+
+
+class SimulatedWheels(NullWheelOdometry):
+    """Wheels whose driver sends messages with errors of scale, noise, slip and wrong stamps.
+
+    Args:
+        motion: Of the base.
+        variant: The errors.
+    """
+
+    def __init__(self, motion: TrueMotion, variant: Variant) -> None:
+        self._motion, self._variant = motion, variant
+        self._rng = np.random.default_rng(1)
+        self._wheels = WheelOdometry(WheelOdometryConfig(enabled=True), "wheel_odom")
+        self._pose, self._sent_s = PlanarPose(0.0, 0.0, 0.0), float(motion.stamps_s[0]) - 1.0
+
+    def add_visual_motion(self, *motion: Any, is_well_constrained: bool) -> None:
+        """Compare the wheels with the camera."""
+        self._wheels.add_visual_motion(*motion, is_well_constrained=is_well_constrained)
+
+    def motion_between(self, from_s: float, to_s: float) -> WheelMotion | None:
+        """The motion by the messages until a frame."""
+        while self._sent_s + WHEEL_PERIOD_S <= to_s:
+            self._send(self._sent_s + WHEEL_PERIOD_S)
+        return self._wheels.motion_between(from_s, to_s)
+
+    def _send(self, stamp_s: float) -> None:
+        x_m, y_m, yaw_rad = planar_part(self._motion.between(self._sent_s, stamp_s))
+        is_slipping = (stamp_s - self._motion.stamps_s[0]) % SLIP_PERIOD_S < SLIP_S
+        scale = TRANSLATION_SCALE * (1.0 + self._variant.slip * is_slipping)
+        noise_m, noise_rad = 1e-4 * self._rng.normal(), 2e-4 * self._rng.normal()
+        moved = PlanarPose(scale * x_m + noise_m, scale * y_m, ROTATION_SCALE * yaw_rad + noise_rad)
+        self._pose, self._sent_s = self._pose.then(moved), stamp_s
+        reading = WheelReading(
+            stamp_s + self._variant.late_s,
+            ("wheel_odom", "base_link"),
+            self._pose,
+            moved.velocity(WHEEL_PERIOD_S),
+        )
+        self._wheels.add_message(encode_wheel_reading(reading))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -142,7 +193,7 @@ def main(args: argparse.Namespace) -> None:
 def track_variant(label: str, folder: Path, T_base_camera: Array, variant: Variant) -> str:
     """Track a scene; return a line of the table."""
     with open_frames_with_truth(folder) as (frames, truth):
-        wheels = SimulatedWheels(truth, T_base_camera, variant) if variant.has_wheels else None
+        wheels = make_wheels(TrueMotion(truth, T_base_camera), T_base_camera, variant)
         odom_frame = OdomFrame(T_base_camera, variant.is_planar, wheels)
         tracked = track(
             "direct", (replace(frame, gravity_m_s2=None) for frame in frames), odom_frame
@@ -159,6 +210,16 @@ def track_variant(label: str, folder: Path, T_base_camera: Array, variant: Varia
         count_overconfident(tracked, truth),
         float(np.median(tracked.cpu_ms)),
     )
+
+
+def make_wheels(
+    motion: TrueMotion, T_base_camera: Array, variant: Variant
+) -> HandOdometry | SimulatedWheels | None:
+    """Make the wheels of a variant; None without."""
+    if not variant.has_wheels:
+        return None
+    is_hand_held = T_base_camera is T_BODY_CAMERA
+    return HandOdometry(motion) if is_hand_held else SimulatedWheels(motion, variant)
 
 
 def count_overconfident(tracked: TrackedSequence, truth: Trajectory) -> int:

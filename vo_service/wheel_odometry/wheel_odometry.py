@@ -14,6 +14,7 @@ from vo_service.config_tables import WheelOdometryConfig
 from vo_service.wheel_odometry.planar_pose import planar_part
 from vo_service.wheel_odometry.pose_history import PoseHistory, WheelState
 from vo_service.wheel_odometry.slip_detector import SlipDetector
+from vo_service.wheel_odometry.stamp_offset import StampOffset
 from vo_service.wheel_odometry.wheel_faults import ArrivalFault, FaultLog, TimedFault
 from vo_service.wheel_odometry.wheel_reading import PLANAR_AXES, parse_wheel_reading
 
@@ -75,7 +76,8 @@ class NullWheelOdometry:
 class WheelOdometry:
     """Keeps the last seconds of the wheels' poses. Thread-safe; no message raises an exception.
 
-    Times are stamps of the published clock; the last frame's is the present.
+    Times are stamps of the published clock; the last frame's is the present. How much the stamps of
+    the wheels are off is learned.
 
     Args:
         config: Standard deviations, and the age of poses that are not used.
@@ -95,6 +97,7 @@ class WheelOdometry:
         self._lock = threading.Lock()
         self._history = PoseHistory(config.max_age_s)
         self._slip = SlipDetector()
+        self._offset = StampOffset()
         self._journals: list[MessageJournal] = []
         self._messages = 0
         self._arrival = ArrivalFault(source, config.max_age_s)
@@ -186,6 +189,9 @@ class WheelOdometry:
                 self._slip.skip()
                 return
             wheels, camera = planar_part(motion.T_from_to), planar_part(T_from_to)
+            newest_s = self._history.newest_s
+            if newest_s is not None:
+                self._offset.add(from_s, to_s, camera.yaw_rad, newest_s, self._yaw_rate)
             axes = list(PLANAR_AXES)
             variances = motion.sigmas[axes] ** 2 + np.diag(covariance)[axes]
             errors = np.abs(wheels.motion_to(camera)) / np.sqrt(variances)
@@ -199,12 +205,21 @@ class WheelOdometry:
     def _motion(self, from_s: float, to_s: float, slip_factor: float) -> WheelMotion | None:
         if self._arrival.is_offset or to_s < from_s:
             return None
-        begin, end = self._history.state_at(from_s), self._history.state_at(to_s)
+        offset_s = self._offset.value_s
+        begin = self._history.state_at(from_s + offset_s)
+        end = self._history.state_at(to_s + offset_s)
         if begin is None or end is None:
             return None
         sigmas = self._sigmas(begin, end, to_s - from_s)
         sigmas[list(PLANAR_AXES)] *= slip_factor
         return WheelMotion(begin.pose.motion_to(end.pose).transform(), sigmas)
+
+    def _yaw_rate(self, from_s: float, to_s: float) -> float | None:
+        """Mean yaw rate between two stamps of the wheels, rad/s; None if it is not known."""
+        begin, end = self._history.state_at(from_s), self._history.state_at(to_s)
+        if begin is None or end is None:
+            return None
+        return begin.pose.motion_to(end.pose).yaw_rad / (to_s - from_s)
 
     def _sigmas(self, begin: WheelState, end: WheelState, duration_s: float) -> Array:
         """Return standard deviations: a share of the path, or those of the driver's twist."""

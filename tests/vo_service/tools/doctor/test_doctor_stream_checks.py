@@ -241,10 +241,9 @@ def test_the_floor_in_view_tells_the_mount_of_the_camera() -> None:
     floor = FloorPlane(np.array([0.0, -math.cos(down_rad), -math.sin(down_rad)]), 0.62, 500)
     finding = run_check(check_floor, with_frames(floor=lambda k: floor if k % 10 == 0 else None))
     assert finding.verdict is CheckVerdict.PASS
-    assert finding.text.startswith(
-        "0.62 m below the camera, which looks 12° down; in T_base_camera"
-    )
-    R_base_camera = rotation_from_quaternion(finding.facts["quaternion_xyzw"])
+    assert finding.text.startswith("0.62 m below the camera, which looks 12° down; in T_base_")
+    quaternion_xyzw: Any = finding.facts["quaternion_xyzw"]
+    R_base_camera = rotation_from_quaternion(quaternion_xyzw)
     np.testing.assert_allclose(R_base_camera @ floor.up, [0.0, 0.0, 1.0], atol=1e-3)
 
 

@@ -1,25 +1,30 @@
 """Scan and occupancy grid of a robot in virtual rooms, against what a noise-free sensor measures.
 
 python -m benchmarks navigation scan          ranges from cameras of several heights and tilts
+python -m benchmarks navigation grid          the grid of a drive
 """
 
 import argparse
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.harness import Table
+from benchmarks.harness import Table, measure_cpu_ms
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import T_BODY_CAMERA, Array, rigid_transform, so3_exp
 from drivers.synthetic.camera_motion import CameraMotion
 from drivers.synthetic.config import ShutterTiming, SyntheticConfig
 from drivers.synthetic.renderer import Renderer, RoomModel
+from drivers.synthetic.solids import SolidArrays, SolidKind
 from vo_service.config_tables import ScanConfig
+from vo_service.navigation.grid_mapper import GridMapper
 from vo_service.navigation.robot_scan import RobotScanner
 from vo_service.navigation.scan import ScanAngles
+from vo_service.types.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
 # Height of the camera, m, and how far it looks down, degrees.
 MOUNTINGS = (
@@ -40,6 +45,8 @@ PHANTOM_M = 0.10
 TRUE_PIXELS = 8
 # With a wrong tilt, what is this high is no longer floor.
 FLOOR_M = 0.03
+# Of the grid: the defaults of the configuration.
+RESOLUTION_M, RANGE_MAX_M = 0.05, 4.0
 
 
 class FixedPoses(CameraMotion):
@@ -69,30 +76,41 @@ class DepthPair:
     exact: RgbdFrame
 
 
-def render_depth(
-    T_world_base: Array, T_base_camera: Array, config: SyntheticConfig
-) -> Iterator[DepthPair]:
-    """Render depth from poses of the base (N, 4, 4) in the room of a configuration."""
-    motion = FixedPoses(T_world_base @ T_base_camera)
-    config = replace(
-        config,
-        texel_m=0.05,
-        rate_hz=1.0,
-        duration_s=float(len(T_world_base)),
-        timing=ShutterTiming(0.0, 0.0),
-    )
-    exact_depth = replace(
-        config.depth, disparity_step_px=0.0, disparity_sigma_px=0.0, lateral_sigma_px=0.0
-    )
-    room = RoomModel.build(config, motion, 1)
-    measured = Renderer(config, motion, room)
-    exact = Renderer(replace(config, depth=exact_depth), motion, room)
-    for number, pose in enumerate(T_world_base):
-        yield DepthPair(
-            pose,
-            _frame(config, measured.render_depth(number)),
-            _frame(config, exact.render_depth(number)),
+class VirtualRoom:
+    """The room of a configuration, and a depth camera in it.
+
+    Args:
+        T_world_base: (N, 4, 4) poses of the base.
+        T_base_camera: 4x4.
+        config: The room and the sensor.
+    """
+
+    def __init__(self, T_world_base: Array, T_base_camera: Array, config: SyntheticConfig) -> None:
+        motion = FixedPoses(T_world_base @ T_base_camera)
+        self._T_world_base = T_world_base
+        self._config = config = replace(
+            config,
+            texel_m=0.05,
+            rate_hz=1.0,
+            duration_s=float(len(T_world_base)),
+            timing=ShutterTiming(0.0, 0.0),
         )
+        exact_depth = replace(
+            config.depth, disparity_step_px=0.0, disparity_sigma_px=0.0, lateral_sigma_px=0.0
+        )
+        room = RoomModel.build(config, motion, 1)
+        self.solids = room.solids
+        self._measured = Renderer(config, motion, room)
+        self._exact = Renderer(replace(config, depth=exact_depth), motion, room)
+
+    def pairs(self) -> Iterator[DepthPair]:
+        """Render all poses."""
+        for number, pose in enumerate(self._T_world_base):
+            yield DepthPair(
+                pose,
+                _frame(self._config, self._measured.render_depth(number)),
+                _frame(self._config, self._exact.render_depth(number)),
+            )
 
 
 def _frame(config: SyntheticConfig, depth_raw: NDArray[np.uint16]) -> RgbdFrame:
@@ -151,19 +169,20 @@ def scan(args: argparse.Namespace) -> None:
         errors: list[float] = []
         counts = np.zeros(4)  # ranges, phantoms, misses, phantoms with a wrong tilt
         times_ms = []
-        for pair in render_depth(_random_places(args.views), T_base_camera, _room(args.seed)):
+        room = VirtualRoom(_random_places(args.views), T_base_camera, _room(args.seed))
+        for pair in room.pairs():
             scanner = RobotScanner(config, T_base_camera)
-            angles, ranges = scanner.scan(pair.measured, np.eye(4))
-            begin_s = time.perf_counter()
-            scanner.scan(pair.measured, np.eye(4))
-            times_ms.append(1e3 * (time.perf_counter() - begin_s))
+            angles, ranges = scanner.scan(pair.measured, T_base_camera)
+            again = partial(scanner.scan, pair.measured, T_base_camera)
+            times_ms.append(measure_cpu_ms(again)[1])
             points = points_in_base(pair.exact, T_base_camera)
             along_m = np.hypot(points[:, 0], points[:, 1])
             rising = config.min_height_m + np.tan(np.radians(1.0)) * along_m
             truth = true_ranges(points, angles, rising, height_m + 0.15)
             is_told = np.isfinite(ranges) & np.isfinite(truth)
             errors.extend(np.abs(ranges - truth)[is_told])
-            tilted = rigid_transform(so3_exp([0.0, np.radians(-2.0), 0.0]), np.zeros(3))
+            R_tilt = so3_exp([0.0, np.radians(-2.0), 0.0])
+            tilted = rigid_transform(R_tilt @ T_base_camera[:3, :3], T_base_camera[:3, 3])
             leaked = scanner.scan(pair.measured, tilted)[1]
             surface = true_ranges(points, angles, np.full(len(points), FLOOR_M), height_m + 0.3)
             counts += np.array(
@@ -195,4 +214,139 @@ def _random_places(count: int) -> Array:
     return np.array(places)
 
 
-VARIANTS = {"scan": (add_scan_arguments, scan)}
+# Cameras of the drives: height, m, and how far it looks down, degrees.
+DRIVES = ((0.6, 10.0), (0.3, 0.0), (1.35, 25.0))
+DRIVE_RADIUS_M = 1.5
+# Of what the exact images have of a cell, so much makes it occupied.
+TRUE_CELL_PIXELS = 8
+REPEATED_KEYFRAMES = 1000
+
+
+def add_grid_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument("--keyframes", type=int, default=72, help="of each drive")
+    parser.add_argument("--seed", type=int, default=11, help="of the room")
+    parser.add_argument("--drift-mm", type=float, default=0.0, help="of each keyframe's pose")
+
+
+def grid(args: argparse.Namespace) -> None:
+    """Measure the occupancy grid of a drive in a circle, against exact images and the room.
+
+    Precision and recall are within one cell. Free is the share of the floor in view that the grid
+    has as free; in solids, the share of its free cells that are inside of furniture or walls.
+    """
+    columns = "precision %:13.1f", "recall %:10.1f", "free %:8.1f", "in solids %:13.2f"
+    table = Table(14, *columns, "cells:8d", "frame ms:10.2f", "1000 ms:9.1f")
+    print(table.head)
+    for height_m, down_deg in DRIVES:
+        T_base_camera = mounting_pose(height_m, down_deg)
+        room = VirtualRoom(_drive(args.keyframes), T_base_camera, _room(args.seed))
+        drawing = GridMapper(ScanConfig(), T_base_camera, RESOLUTION_M, RANGE_MAX_M)
+        truth = TrueCells()
+        cells, poses, times_ms = [], [], []
+        rng = np.random.default_rng(3)
+        for pair in room.pairs():
+            T_world_camera = pair.T_world_base @ T_base_camera
+            drawing.cells(pair.measured, T_world_camera)
+            result_ms = measure_cpu_ms(partial(drawing.cells, pair.measured, T_world_camera))
+            cells.append(result_ms[0])
+            times_ms.append(result_ms[1])
+            error = rng.normal(0.0, 1e-3 * args.drift_mm, 3) * (1.0, 1.0, 0.2)
+            T_error = rigid_transform(so3_exp([0.0, 0.0, error[2]]), (error[0], error[1], 0.0))
+            poses.append(pair.T_world_base @ T_error @ T_base_camera)
+            truth.add(points_in_base(pair.exact, T_base_camera), pair.T_world_base, height_m + 0.15)
+        frames = list(zip(cells, poses, strict=True))
+        result = drawing.render(frames)
+        figures = truth.compare(result, room.solids, height_m + 0.15)
+        many = -(-REPEATED_KEYFRAMES // len(cells))
+        _, cpu_ms = measure_cpu_ms(partial(drawing.render, frames * many))
+        render_ms = cpu_ms * REPEATED_KEYFRAMES / (many * len(frames))
+        count = int(np.mean([len(each) for each in cells]))
+        name = f"{height_m:g} m, {down_deg:g} deg"
+        times = float(np.median(times_ms)), render_ms
+        print(table.row(name, *(100.0 * each for each in figures), count, *times), flush=True)
+
+
+def _drive(count: int) -> Array:
+    """A circle, in which the base looks ahead and to the sides in turn."""
+    poses = []
+    for number in range(count):
+        angle = 2.0 * np.pi * number / count
+        position = (DRIVE_RADIUS_M * np.cos(angle), DRIVE_RADIUS_M * np.sin(angle), 0.0)
+        yaw = angle + np.pi / 2 + (0.0, 1.0, -1.0, 2.2)[number % 4]
+        poses.append(rigid_transform(so3_exp([0.0, 0.0, yaw]), position))
+    return np.array(poses)
+
+
+class TrueCells:
+    """What exact images show of the cells around the world's origin, on a fixed grid."""
+
+    size = 400  # cells along each side
+
+    def __init__(self) -> None:
+        self.obstacles = np.zeros((self.size, self.size), np.int64)
+        self.any_obstacle = np.zeros((self.size, self.size), np.bool_)
+        self.floor = np.zeros((self.size, self.size), np.bool_)
+
+    def add(self, points: Array, T_world_base: Array, top_m: float) -> None:
+        """Add the points (N, 3) of a frame in its base."""
+        points = points[np.hypot(points[:, 0], points[:, 1]) < RANGE_MAX_M]
+        in_world = points @ T_world_base[:3, :3].T + T_world_base[:3, 3]
+        column, row = np.floor(in_world[:, :2] / RESOLUTION_M).astype(int).T + self.size // 2
+        height = in_world[:, 2]
+        along_m = np.hypot(points[:, 0], points[:, 1])
+        least_m = ScanConfig().min_height_m + np.tan(np.radians(1.0)) * along_m
+        counts = np.zeros_like(self.obstacles)
+        inside = (height >= least_m) & (height <= top_m)
+        np.add.at(counts, (row[inside], column[inside]), 1)
+        self.obstacles = np.maximum(self.obstacles, counts)
+        inside = (height >= FLOOR_M) & (height <= top_m + FLOOR_M)
+        self.any_obstacle[row[inside], column[inside]] = True
+        inside = np.abs(height) < 0.01
+        self.floor[row[inside], column[inside]] = True
+
+    def compare(
+        self, result: OccupancyGrid, solids: SolidArrays, top_m: float
+    ) -> tuple[float, float, float, float]:
+        """Return precision, recall, share of the seen floor that is free, free cells in solids."""
+        cells = np.full((self.size, self.size), UNKNOWN, np.int8)
+        column, row = np.rint(np.array(result.origin_xy_m) / RESOLUTION_M).astype(int)
+        column, row = column + self.size // 2, row + self.size // 2
+        height, width = result.cells.shape
+        cells[row : row + height, column : column + width] = result.cells
+        occupied, true = cells == OCCUPIED, self.obstacles >= TRUE_CELL_PIXELS
+        precision = np.mean(_grow(self.any_obstacle)[occupied])
+        recall = np.mean(_grow(occupied)[true])
+        free = np.mean((cells == FREE)[self.floor & ~_grow(true)])
+        inside = ~_grow(~self._solid(solids, top_m))
+        return float(precision), float(recall), float(free), float(np.mean(inside[cells == FREE]))
+
+    def _solid(self, solids: SolidArrays, top_m: float) -> NDArray[np.bool_]:
+        """Cells whose middle is inside of a solid, at the height of an obstacle."""
+        axis = (np.arange(self.size) - self.size // 2 + 0.5) * RESOLUTION_M
+        is_solid = np.zeros((self.size, self.size), np.bool_)
+        for height_m in np.arange(0.15, top_m, 0.05):
+            y, x = np.meshgrid(axis, axis, indexing="ij")
+            points = np.stack([x, y, np.full_like(x, height_m)], axis=-1)
+            for kind, to_unit, center in zip(
+                solids.kind, solids.to_unit, solids.center_m, strict=True
+            ):
+                unit = (points - center) @ to_unit.T
+                if kind == SolidKind.SPHERE:
+                    inside = np.linalg.norm(unit, axis=-1) <= 1.0
+                elif kind == SolidKind.CYLINDER:
+                    inside = (np.hypot(unit[..., 0], unit[..., 1]) <= 1.0) & (
+                        abs(unit[..., 2]) <= 1.0
+                    )
+                else:
+                    inside = np.abs(unit).max(axis=-1) <= 1.0
+                is_solid |= ~inside if kind == SolidKind.ROOM else inside
+        return is_solid
+
+
+def _grow(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Add the neighbors of all cells."""
+    return cv2.dilate(cells.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(np.bool_)
+
+
+VARIANTS = {"scan": (add_scan_arguments, scan), "grid": (add_grid_arguments, grid)}

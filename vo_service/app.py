@@ -65,6 +65,7 @@ from vo_service.wheel_odometry.wheel_odometry import (
 logger = logging.getLogger(__name__)
 
 if TYPE_CHECKING:
+    from vo_service.navigation.robot_scan import RobotScanner
     from vo_service.outputs.frames.output import FrameOutput
     from vo_service.outputs.rerun.output import RerunOutput
 
@@ -96,6 +97,7 @@ class OutputsConfig:
         extra: Further outputs, see `ExtraOutputsConfig`.
         mcap: MCAP file to record; None: no file.
         trajectory: Trajectory file to write; None: no file.
+        scanner: Makes the scanner of an MCAP file or a viewer; None: no scans.
         ground_truth: Returns the ground truth for the viewer; called after the first frame.
         wheel_messages: Returns the messages of the wheels since its last call, for the MCAP file.
         log_line: Shows a line with an output's address to the user.
@@ -113,6 +115,7 @@ class OutputsConfig:
     extra: Sequence[str] = ()
     mcap: Path | None = None
     trajectory: Path | None = None
+    scanner: "Callable[[], RobotScanner | None] | None" = None
     ground_truth: GroundTruthSource = no_ground_truth
     wheel_messages: WheelMessageSource = tuple
     log_line: Callable[[str], None] = logger.info
@@ -198,6 +201,17 @@ def open_frames(config: Config) -> "list[FrameOutput]":
     return open_frame_outputs(settings, config.zenoh)
 
 
+def open_scanner(config: Config) -> "RobotScanner | None":
+    """Open a scanner; None if it is disabled, or the height of the camera is not told."""
+    height_m = config.T_base_camera.translation_m[2]
+    if config.scan.enabled is False or height_m <= config.scan.min_height_m:
+        return None
+    from vo_service.navigation.robot_scan import RobotScanner
+
+    RobotScanner.warm_up()
+    return RobotScanner(config.scan, config.T_base_camera.T_base_camera)
+
+
 def open_recorder(config: Config, wheel_messages: WheelMessageSource = tuple) -> Recorder:
     """Open the flight recorder; a `NullRecorder` if it is disabled or fails."""
     if not config.recorder.enabled:
@@ -213,7 +227,7 @@ def open_mapper(config: Config) -> Mapper:
         return NullMapper("the map is disabled (map.enabled)")
     from vo_service.slam.mapper.client import open_mapper
 
-    return open_mapper(config.map)
+    return open_mapper(config.map, config.scan, config.T_base_camera.T_base_camera)
 
 
 def make_wheel_odometry(config: Config, camera: RgbdCamera) -> WheelOdometrySource:
@@ -262,8 +276,9 @@ def _open_mcap(config: OutputsConfig, path: Path, stack: ExitStack) -> Output:
     check_bag_packages(path)
     from vo_service.outputs.mcap_recording import open_mcap_recording
 
+    scanner = None if config.scanner is None else config.scanner()
     recording = open_mcap_recording(
-        path, config.playback_mode, config.ground_truth, config.wheel_messages
+        path, config.playback_mode, config.ground_truth, config.wheel_messages, scanner
     )
     return stack.enter_context(closing(recording))
 
@@ -302,7 +317,10 @@ def _open_viewers(config: OutputsConfig, stack: ExitStack) -> "list[RerunOutput]
     check_targets(config.rerun.targets)
     viewers = []
     for target in config.rerun.targets:
-        viewer = open_rerun_output(target, config.rerun, config.ground_truth, config.playback_mode)
+        scanner = None if config.scanner is None else config.scanner()
+        viewer = open_rerun_output(
+            target, config.rerun, config.ground_truth, config.playback_mode, scanner
+        )
         viewers.append(stack.enter_context(closing(viewer)))
         config.log_line(f"Rerun: {viewer.address}")
     return viewers

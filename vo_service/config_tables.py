@@ -62,7 +62,7 @@ class RecorderConfig:
 
 @dataclass(frozen=True)
 class MapConfig:
-    """`[map]`: keyframes, loop closure, relocalization and saved maps."""
+    """`[map]`: keyframes, loop closure, relocalization, saved maps and the occupancy grid."""
 
     enabled: Annotated[bool, "false disables the mapper: no keyframes, no saved maps"] = True
     loop_closure: Annotated[bool, "false disables loop closure and relocalization"] = True
@@ -85,6 +85,15 @@ class MapConfig:
     keyframe_database_mb: Annotated[
         int, Field("memory limit of the keyframe database for loop closure", minimum=5)
     ] = 100
+    resolution_m: Annotated[
+        float, Field("side of a cell of the occupancy grid, m", minimum=0.01, maximum=0.5)
+    ] = 0.05
+    range_max_m: Annotated[
+        float, Field("largest range of the occupancy grid's readings, m", minimum=0.5, maximum=10.0)
+    ] = 4.0
+    publish_hz: Annotated[
+        float, Field("rate limit of the occupancy grid, Hz", minimum=0.01, maximum=10.0)
+    ] = 1.0
     voxel_m: Annotated[
         float, Field("voxel size of the mesh, m", minimum=0.005, maximum=0.5, is_reloadable=True)
     ] = 0.02

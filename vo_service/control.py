@@ -40,6 +40,7 @@ from vo_service.types.commands import (
     TiltReply,
 )
 from vo_service.types.messages import MapState
+from vo_service.types.occupancy_grid import OccupancyGrid
 from vo_service.types.outputs import Mapper, NullMapper, NullRecorder, PausableViewer, Recorder
 
 logger = logging.getLogger(__name__)
@@ -174,6 +175,11 @@ class Control:
     def map_state(self) -> MapState:
         """The mapper's state."""
         return self._mapper.state
+
+    @property
+    def grid(self) -> OccupancyGrid:
+        """The mapper's occupancy grid."""
+        return self._mapper.grid
 
     def process_pending(self) -> None:
         """Execute all pending commands, and set their results."""

@@ -164,7 +164,7 @@ class Service:
         update = self._odom_frame.update(
             stamped, estimate, self._stage_timer.take_stage_ms(), latency_s
         )
-        return replace(update, map=self._loop_closure.snapshot)
+        return replace(update, map=self._loop_closure.snapshot, grid=self._control.grid)
 
     def _publish_status(self) -> None:
         """Publish the status, twice a second and whenever state, reason or warnings change."""

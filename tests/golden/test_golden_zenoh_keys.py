@@ -21,7 +21,13 @@ from vo_service.types.messages import FrameIds
 pytestmark = pytest.mark.zenoh
 
 PUBLISHED = {"kinect/map_odom", "kinect/odom", "kinect/status"}
-ANSWERED = {"kinect/latest", "kinect/map_odom", "kinect/schema", "kinect/status"}
+ANSWERED = {
+    "kinect/latest",
+    "kinect/map",
+    "kinect/map_odom",
+    "kinect/schema",
+    "kinect/status",
+}
 COMMANDS = {"kinect/command/*"}
 TOKENS = {"kinect/alive"}
 ROS2_TYPES = {

@@ -44,6 +44,7 @@ COMMAND_GROUPS = {
         "convert": "write a recording in another format: a folder, MCAP, or a ROS 1 or ROS 2 bag",
         "evaluate": "compare a trajectory with its ground truth: ATE, RPE, coverage",
         "reconstruct": "make a colored mesh from a recording",
+        "grid": "make the occupancy grid of a recording, for a robot that drives",
         "download": "download sequences of the TUM RGB-D benchmark, ready to replay",
     },
     "research": {

@@ -12,7 +12,7 @@ from drivers.core.geometry import Trajectory, format_trajectory
 from drivers.core.write_errors import create_output_folder
 from drivers.registry import open_camera
 from drivers.synthetic.config import SyntheticConfig
-from vo_service.app import OutputsConfig, open_frames, open_outputs, run_replay
+from vo_service.app import OutputsConfig, open_frames, open_outputs, open_scanner, run_replay
 from vo_service.cli.kernels import prepare_kernels
 from vo_service.cli.options import (
     ConfigFile,
@@ -84,6 +84,7 @@ def run(request: DemoRequest) -> int:
             playback_mode=PlaybackMode.REALTIME,
             zenoh=None if request.no_publish else config.zenoh,
             frames=partial(open_frames, config),
+            scanner=partial(open_scanner, config),
             connect_policy=ConnectOnFreePort,
             rerun=replace(config.rerun, targets=_choose_rerun_targets(request)),
             trajectory=request.output / "trajectory.txt",

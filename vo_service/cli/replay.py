@@ -17,6 +17,7 @@ from vo_service.app import (
     make_wheel_odometry,
     open_frames,
     open_outputs,
+    open_scanner,
     run_replay,
 )
 from vo_service.cli.kernels import prepare_kernels
@@ -138,6 +139,7 @@ def run(request: ReplayRequest) -> int:
             playback_mode=request.pace,
             zenoh=None if request.no_publish else config.zenoh,
             frames=partial(open_frames, config),
+            scanner=partial(open_scanner, config),
             # An expected subscriber connects to the configured port.
             connect_policy=ConnectOnce if request.wait_for_subscriber else ConnectOnFreePort,
             wait_for_subscriber_s=request.wait_for_subscriber,

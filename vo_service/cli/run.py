@@ -26,6 +26,7 @@ from vo_service.app import (
     open_mapper,
     open_outputs,
     open_recorder,
+    open_scanner,
     open_sensor_memory,
 )
 from vo_service.cli.kernels import loops_are_prepared, prepare_kernels, prepare_loop_closure
@@ -205,6 +206,7 @@ def _make_outputs_config(
         playback_mode=request.pace,
         zenoh=None if request.no_publish else config.zenoh,
         frames=partial(open_frames, config),
+        scanner=partial(open_scanner, config),
         connect_policy=ConnectWithRetry,
         extra_endpoints=ExtraEndpoints(
             commands, config.ros2, make_wheel_subscription(config, wheel_odometry)

@@ -9,7 +9,8 @@ from typing import Any
 import zenoh
 
 from drivers.core import InputError
-from drivers.ros_messages.navigation import ODOMETRY_SCHEMA
+from drivers.ros_messages.decoding import decode_occupancy_grid
+from drivers.ros_messages.navigation import ODOMETRY_SCHEMA, OccupancyGridMessage
 from vo_service.client.connection import (
     ServiceUnavailable,
     check_command_name,
@@ -136,6 +137,16 @@ class PoseClient(ServiceClient):
         return parse_map_odom(
             query(self._sessions(timeout_s), f"{self._prefix}/map_odom", timeout_s)
         )
+
+    def grid(self, timeout_s: float = REPLY_TIMEOUT_S) -> OccupancyGridMessage:
+        """Return the occupancy grid of the map, at any time.
+
+        Raises:
+            CommandRefused: There is no grid yet.
+            ServiceUnavailable: No service replied.
+        """
+        sample = query(self._sessions(timeout_s), f"{self._prefix}/map", timeout_s)
+        return decode_occupancy_grid(sample.payload.to_bytes())
 
     # The service
 

@@ -7,16 +7,20 @@ from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import T_BODY_CAMERA, Array
+from drivers.ros_messages.sensors import LaserScanMessage
 from vo_service.config_tables import ScanConfig
 from vo_service.navigation.height_limits import height_band, mounting_problem
 from vo_service.navigation.level_view import LevelMounting
 from vo_service.navigation.scan import ScanAngles, Scanner
+from vo_service.types.odometry_update import OdometryUpdate
 
 logger = logging.getLogger(__name__)
 
 # Height of the scan's frame above the floor. A costmap of Nav2 marks no obstacle below its own
 # frame's floor, and none above 0.8 m.
 FRAME_HEIGHT_M = 0.2
+# After a longer pause, the time between two scans is unknown.
+MAX_SCAN_TIME_S = 1.0
 
 
 class RobotScanner:
@@ -30,29 +34,52 @@ class RobotScanner:
     def __init__(self, config: ScanConfig, T_base_camera: Array) -> None:
         self._config = config
         self._problem = mounting_problem(config, T_base_camera)
+        self._last_stamp_s = 0.0
         self._mounting = LevelMounting(T_base_camera)
         self._scanner = Scanner(np.radians(config.angle_increment_deg))
+
+    @property
+    def frame_id(self) -> str:
+        """Name of the scan's frame."""
+        return self._config.frame_id
 
     @property
     def T_base_scan(self) -> Array:
         """4x4 pose of the scan's frame in the base."""
         return self._mounting.T_base_level(FRAME_HEIGHT_M)
 
-    def scan(self, frame: RgbdFrame, T_odom_base: Array) -> tuple[ScanAngles, NDArray[np.float32]]:
+    def scan(
+        self, frame: RgbdFrame, T_odom_camera: Array
+    ) -> tuple[ScanAngles, NDArray[np.float32]]:
         """Scan a frame; all is unknown if the camera is not higher than an obstacle.
 
         Args:
-            T_odom_base: 4x4; its roll and pitch tell what is level.
+            T_odom_camera: 4x4; it tells what is level. z of `odom` is 0 on the floor.
 
         Returns:
             As `Scanner.scan`.
         """
-        view = self._mounting.view(T_odom_base)
+        view = self._mounting.view(T_odom_camera)
         band = height_band(self._config, view.height_m, self._config.range_max_m)
         angles, ranges_m = self._scanner.scan(frame, view, band)
         if view.height_m <= self._config.min_height_m:
             ranges_m[:] = np.nan
         return angles, ranges_m
+
+    def message(self, update: OdometryUpdate) -> LaserScanMessage:
+        """Scan the frame of an update."""
+        angles, ranges_m = self.scan(update.frame, update.T_odom_camera)
+        interval_s, self._last_stamp_s = update.stamp_s - self._last_stamp_s, update.stamp_s
+        return LaserScanMessage(
+            stamp_s=update.stamp_s,
+            frame_id=self.frame_id,
+            angle_min_rad=angles.first_rad,
+            angle_increment_rad=angles.step_rad,
+            scan_time_s=interval_s if 0.0 < interval_s < MAX_SCAN_TIME_S else 0.0,
+            range_min_m=self._config.range_min_m,
+            range_max_m=self._config.range_max_m,
+            ranges_m=ranges_m,
+        )
 
     def warn(self) -> None:
         """Log once what is wrong with the mounting."""
@@ -73,4 +100,4 @@ class RobotScanner:
             depth_factor=1000.0,
             camera=camera,
         )
-        RobotScanner(ScanConfig(), T_BODY_CAMERA).scan(frame, np.eye(4))
+        RobotScanner(ScanConfig(), T_BODY_CAMERA).scan(frame, T_BODY_CAMERA)

@@ -25,27 +25,33 @@ from drivers.recording.frame_recorder import FrameRecorder
 from drivers.recording.odometry import OdometryRecord
 from drivers.ros_messages.cdr import STRING_SCHEMA, encode_string
 from drivers.ros_messages.navigation import (
+    OCCUPANCY_GRID_SCHEMA,
     ODOMETRY_SCHEMA,
     TRANSFORMS_SCHEMA,
     TransformMessage,
     encode_transforms,
 )
 from drivers.ros_messages.sensors import (
+    LASER_SCAN_SCHEMA,
     POINT_CLOUD_SCHEMA,
     PointCloudMessage,
+    encode_laser_scan,
     encode_point_cloud,
 )
 from vo_service.config_tables import MIN_FREE_BYTES
+from vo_service.navigation.robot_scan import RobotScanner
 from vo_service.outputs.file_output import FileOutput
 from vo_service.types.messages import (
     FrameIds,
     Status,
     encode_message,
+    grid_payload,
     pose_attachment,
     pose_payload,
     pose_transforms,
     timing_payload,
 )
+from vo_service.types.occupancy_grid import NO_GRID
 from vo_service.types.odometry_update import (
     OdometryUpdate,
     UpdateWithWheels,
@@ -75,6 +81,7 @@ def open_mcap_recording(
     playback_mode: PlaybackMode,
     ground_truth: GroundTruthSource = no_ground_truth,
     wheel_messages: WheelMessageSource = tuple,
+    scanner: RobotScanner | None = None,
 ) -> "McapOutput":
     """Create the file. In realtime, an existing one is renamed to FILE-0001 and so on.
 
@@ -95,11 +102,19 @@ def open_mcap_recording(
         create = partial(_create, path, RESERVED_BYTES)
         lockstep_queue: BoundedQueue[Item] = BlockingQueue(2)
         return McapOutput(
-            path, create, lockstep_queue, ground_truth, wheel_messages, LOCKSTEP_CLOSE_TIMEOUT_S
+            path,
+            create,
+            lockstep_queue,
+            ground_truth,
+            wheel_messages,
+            LOCKSTEP_CLOSE_TIMEOUT_S,
+            scanner=scanner,
         )
     queue: BoundedQueue[Item] = DropOldestQueue(MAX_QUEUED)
     create = partial(_create_next, path)
-    return McapOutput(path, create, queue, ground_truth, wheel_messages, can_retry=True)
+    return McapOutput(
+        path, create, queue, ground_truth, wheel_messages, can_retry=True, scanner=scanner
+    )
 
 
 def _create_next(path: Path) -> McapRecorder:
@@ -129,6 +144,7 @@ class McapOutput(FileOutput[Item]):
         wheel_messages: Returns the messages of the wheels since its last call.
         close_timeout_s: Longest wait for the thread at the end.
         can_retry: Whether to create another file when the disk works again.
+        scanner: Makes the scans; None = no scans.
 
     Raises:
         UserFacingError: The file cannot be created.
@@ -144,11 +160,14 @@ class McapOutput(FileOutput[Item]):
         close_timeout_s: float = CLOSE_TIMEOUT_S,
         *,
         can_retry: bool = False,
+        scanner: RobotScanner | None = None,
     ) -> None:
         super().__init__(path, "recording", "frames", close_timeout_s)
         self._create, self._can_retry = create, can_retry
         self._ground_truth = ground_truth
         self._wheel_messages = wheel_messages
+        self._scanner = scanner
+        self._grid = NO_GRID  # that was last written
         self._recorder: McapRecorder | None = None
         # The last published stamp, and the time on CLOCK_MONOTONIC when it came.
         self._last_stamp_s: tuple[float, float] | None = None
@@ -186,7 +205,7 @@ class McapOutput(FileOutput[Item]):
 
     def _begin_next(self) -> McapRecorder:
         self._recorder = self._create()
-        self._last_stamp_s = None
+        self._last_stamp_s, self._grid = None, NO_GRID
         self._fault.clear()
         logger.info("%s: recording again", self._path)
         return self._recorder
@@ -205,8 +224,14 @@ class McapOutput(FileOutput[Item]):
         if self._last_stamp_s is None:
             recorder.file.T_base_camera = inverse(update.T_odom_base) @ update.T_odom_camera
             recorder.ground_truth = self._published_ground_truth(update)
+        messages += self._navigation_messages(update)
         transforms = pose_transforms(update, FRAME_IDS)
         if transforms:
+            if self._scanner is not None:
+                frames = FRAME_IDS.child_frame_id, self._scanner.frame_id
+                transforms.append(
+                    TransformMessage(update.stamp_s, *frames, self._scanner.T_base_scan)
+                )
             transforms += self._world_transforms(recorder, update)
             messages.append(_transforms("/tf", transforms))
             messages += self._path_messages(update)
@@ -214,6 +239,18 @@ class McapOutput(FileOutput[Item]):
         write_messages = partial(recorder.file.write_messages, messages)
         frame = update.frame.restamped(update.stamp_s)
         recorder.write(frame, write_messages, wheel_messages)
+
+    def _navigation_messages(self, update: OdometryUpdate) -> list[EncodedMessage]:
+        """Make the scan, and the occupancy grid if it has changed."""
+        messages = []
+        if self._scanner is not None:
+            data = encode_laser_scan(self._scanner.message(update))
+            messages.append(_encoded("/scan", LASER_SCAN_SCHEMA, update.stamp_s, data))
+        if update.grid is not self._grid:
+            self._grid = update.grid
+            data = grid_payload(update, FRAME_IDS)
+            messages.append(_encoded("/map", OCCUPANCY_GRID_SCHEMA, update.stamp_s, data))
+        return messages
 
     def _path_messages(self, update: OdometryUpdate) -> list[EncodedMessage]:
         """Make the path to the pose, if it is due."""

@@ -18,8 +18,10 @@ from drivers.camera import CameraState
 from drivers.core.config import Field, TypedField, typed_fields
 from drivers.core.geometry import Array, quaternion_from_rotation
 from drivers.ros_messages.navigation import (
+    OccupancyGridMessage,
     OdometryMessage,
     TransformMessage,
+    encode_occupancy_grid,
     encode_odometry,
     encode_transform,
 )
@@ -357,6 +359,20 @@ def map_odom_payload(update: OdometryUpdate, frame_ids: FrameIds) -> bytes:
         ValueError: A number is not finite.
     """
     return encode_transform(map_odom_transform(update, frame_ids))
+
+
+def grid_payload(update: OdometryUpdate, frame_ids: FrameIds) -> bytes:
+    """Encode the occupancy grid as CDR ``nav_msgs/msg/OccupancyGrid``.
+
+    Raises:
+        ValueError: A number is not finite.
+    """
+    grid = update.grid
+    return encode_occupancy_grid(
+        OccupancyGridMessage(
+            update.stamp_s, frame_ids.map_frame_id, grid.resolution_m, grid.origin_xy_m, grid.cells
+        )
+    )
 
 
 def map_odom_attachment(update: OdometryUpdate) -> bytes:

@@ -10,6 +10,7 @@ from drivers.recording.odometry import OdometryRecord
 from vo_service.types.estimate import Estimate
 from vo_service.types.level import UNKNOWN_LEVEL, Level
 from vo_service.types.map_snapshot import NO_MAP, MapSnapshot
+from vo_service.types.occupancy_grid import NO_GRID, OccupancyGrid
 
 
 class TrackingState(StrEnum):
@@ -45,6 +46,7 @@ class OdometryUpdate:
         latency_s: Time from the frame's arrival to this result, s.
         level: How `odom` is kept level.
         map: The pose graph, with the transform of `odom` in the map.
+        grid: The occupancy grid of the map.
     """
 
     seq: int
@@ -64,6 +66,7 @@ class OdometryUpdate:
     latency_s: float
     level: Level = UNKNOWN_LEVEL
     map: MapSnapshot = NO_MAP
+    grid: OccupancyGrid = NO_GRID
 
     @property
     def is_localized(self) -> bool:

@@ -9,6 +9,7 @@ from vo_service.config_tables import MapConfig, RecorderConfig
 from vo_service.types.commands import NotPossibleError
 from vo_service.types.map_snapshot import NO_MAP, MapSnapshot
 from vo_service.types.messages import MapState, Status
+from vo_service.types.occupancy_grid import NO_GRID, OccupancyGrid
 from vo_service.types.odometry import Odometry
 from vo_service.types.odometry_update import OdometryUpdate
 
@@ -192,6 +193,11 @@ class Mapper(Output, Protocol):
         """The present state."""
         ...
 
+    @property
+    def grid(self) -> OccupancyGrid:
+        """The occupancy grid; the same object until it changes."""
+        ...
+
     def save(self, name: str) -> MapState:
         """Start to mesh and save the map. Does not wait for the end.
 
@@ -226,6 +232,7 @@ class NullMapper(OutputBase):
     """Null mapper: commands fail with the given reason."""
 
     state = MapState()
+    grid = NO_GRID
     loop_closure = NullLoopClosure()
 
     def __init__(self, reason: str = "there is no map", warning: str = "") -> None:

@@ -125,7 +125,7 @@ def test_a_scan_has_directions_and_the_nearest_obstacles(client: FrameClient, ro
         wait_until(lambda: scan.seq in publishing.updates)
     update = publishing.updates[scan.seq]
     scanner = RobotScanner(ScanConfig(), T_BASE_CAMERA)
-    angles, ranges_m = scanner.scan(update.frame, update.T_odom_base)
+    angles, ranges_m = scanner.scan(update.frame, update.T_odom_camera)
     np.testing.assert_array_equal(scan.ranges_m, ranges_m)
     assert scan.angles_rad[[0, -1]] == pytest.approx(
         [angles.first_rad, angles.first_rad + (angles.bins - 1) * angles.step_rad], abs=1e-5

@@ -26,7 +26,7 @@ def test_a_point_is_where_the_poses_have_it(
     T_base_camera = rigid_transform(turned(turn, nod, lean), (x, 0.3, 0.7)) @ T_BODY_CAMERA
     T_odom_base = rigid_transform(turned(yaw, pitch, roll), (3.0, -2.0, 0.0))
     mounting = LevelMounting(T_base_camera)
-    view = mounting.view(T_odom_base)
+    view = mounting.view(T_odom_base @ T_base_camera)
     point = np.array([0.2, -0.4, 2.0])
     in_odom = (T_odom_base @ T_base_camera @ [*point, 1.0])[:3]
     in_level = view.R_level_camera @ point
@@ -44,12 +44,12 @@ def test_the_static_frame_of_a_level_base_is_the_level_frame(
     T_base_camera = rigid_transform(turned(turn, nod), (x, 0.3, 0.7)) @ T_BODY_CAMERA
     mounting = LevelMounting(T_base_camera)
     point = np.array([0.2, -0.4, 2.0])
-    in_level = mounting.view(np.eye(4)).R_level_camera @ point
+    in_level = mounting.view(T_base_camera).R_level_camera @ point
     in_base = (mounting.T_base_level(0.2) @ [in_level[0], in_level[1], 0.0, 1.0])[:3]
     np.testing.assert_allclose(in_base[:2], (T_base_camera @ [*point, 1.0])[:2], atol=1e-9)
     assert in_base[2] == pytest.approx(0.2)
     # The camera looks along x of its level frame.
-    forward = mounting.view(np.eye(4)).R_level_camera[:, 2]
+    forward = mounting.view(T_base_camera).R_level_camera[:, 2]
     assert forward[0] > 0
     assert forward[1] == pytest.approx(0.0, abs=1e-9)
 

@@ -21,7 +21,7 @@ quick = settings(max_examples=25, deadline=None)
 
 def scan_of(frame: object, T_base_camera: Array, T_odom_base: Array = LEVEL) -> Array:
     scanner = RobotScanner(ScanConfig(), T_base_camera)
-    ranges: Array = scanner.scan(frame, T_odom_base)[1].astype(np.float64)  # type: ignore[arg-type]
+    ranges: Array = scanner.scan(frame, T_odom_base @ T_base_camera)[1].astype(np.float64)  # type: ignore[arg-type]
     return ranges
 
 
@@ -112,14 +112,15 @@ def test_a_camera_on_the_floor_knows_nothing(height_m: float) -> None:
 
 
 def test_a_changed_tilt_or_camera_is_taken_into_account() -> None:
-    scanner = RobotScanner(ScanConfig(), mounted(0.5, 10.0))
-    wall = wall_on_floor(mounted(0.5, 10.0), 2.0)
-    level = scanner.scan(wall, LEVEL)[1]
+    T = mounted(0.5, 10.0)
+    scanner = RobotScanner(ScanConfig(), T)
+    wall = wall_on_floor(T, 2.0)
+    level = scanner.scan(wall, T)[1]
     tilted = rigid_transform(so3_exp([0.0, -0.1, 0.0]), np.zeros(3))
-    assert not np.array_equal(scanner.scan(wall, tilted)[1], level, equal_nan=True)
-    np.testing.assert_array_equal(scanner.scan(wall, LEVEL)[1], level)
+    assert not np.array_equal(scanner.scan(wall, tilted @ T)[1], level, equal_nan=True)
+    np.testing.assert_array_equal(scanner.scan(wall, T)[1], level)
     wide = replace(wall, camera=replace(CAMERA, fx=200.0))
-    assert scanner.scan(wide, LEVEL)[0].bins > len(level)
+    assert scanner.scan(wide, T)[0].bins > len(level)
 
 
 @pytest.mark.parametrize(

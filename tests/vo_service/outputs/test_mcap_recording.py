@@ -21,9 +21,12 @@ from drivers.recording.odometry import OdometryRecord
 from tests.full_disk import limit_file_size
 from tests.vo_service.wheel_odometry.wheel_driver import CURVE, pose_at, wheel_message
 from tests.waiting import wait_until
+from vo_service.config_tables import ScanConfig
+from vo_service.navigation.robot_scan import RobotScanner
 from vo_service.outputs.mcap_recording import open_mcap_recording
 from vo_service.tools.convert import OutputFormat, convert
 from vo_service.types.messages import Status
+from vo_service.types.occupancy_grid import FREE, NO_GRID, OCCUPIED, OccupancyGrid
 from vo_service.types.odometry_update import OdometryUpdate, TrackingState
 
 MakeUpdate = Callable[..., OdometryUpdate]
@@ -100,6 +103,28 @@ def test_the_ground_truth_begins_at_the_first_pose_of_each_epoch(
     shifts = [each.transform.translation.x for (each,) in worlds[1:]]
     turned = [update.T_odom_camera @ [-9.0, 0.0, 0.0, 1.0] for update in updates]
     assert shifts == pytest.approx([turned[1][0], turned[2][0], turned[2][0]])
+
+
+def test_scans_of_each_frame_and_the_grid_on_change(
+    tmp_path: Path, make_update: MakeUpdate
+) -> None:
+    grid = OccupancyGrid(np.array([[FREE, OCCUPIED]], np.int8), 0.05, (1.0, 2.0))
+    updates = [replace(make_update(seq), grid=grid if seq else NO_GRID) for seq in range(3)]
+    mount = rigid_transform(np.eye(3), (0.0, 0.0, 0.5)) @ T_BODY_CAMERA
+    updates = [replace(each, T_odom_camera=each.T_odom_base @ mount) for each in updates]
+    record(tmp_path / "a.mcap", updates, scanner=RobotScanner(ScanConfig(), mount))
+    found = read_messages(tmp_path / "a.mcap")
+    scanner = RobotScanner(ScanConfig(), mount)
+    for message, update in zip(found["/scan"], updates, strict=True):
+        np.testing.assert_array_equal(message.ranges, scanner.message(update).ranges_m)
+        assert message.header.frame_id == "camera_scan"
+    (written,) = found["/map"]
+    np.testing.assert_array_equal(written.data, [FREE, OCCUPIED])
+    assert written.header.frame_id == "map"
+    children = [each.child_frame_id for each in found["/tf"][0].transforms]
+    assert "camera_scan" in children
+    recording = open_recording(tmp_path / "a.mcap")
+    assert len(recording.frames.stamps_s) == 3
 
 
 def test_the_path_grows_except_while_lost(tmp_path: Path, make_update: MakeUpdate) -> None:

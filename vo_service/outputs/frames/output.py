@@ -68,7 +68,7 @@ class FrameOutput(OutputBase):
         self._scanner: RobotScanner | None = None
         if config.scan.enabled is not False:
             self._scanner = _open_scanner(config)
-            self._topics[1:1] = [make_scan_topic(config.scan, self._scanner)]
+            self._topics[1:1] = [make_scan_topic(self._scanner)]
         self._publishers: list[FrameTopicPublisher] = []
         self._ros2: RosFrames | None = None
         self._shared_payloads = SharedPayloads()

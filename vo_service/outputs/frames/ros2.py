@@ -10,11 +10,12 @@ from drivers.core.geometry import Array
 from drivers.ros_messages.navigation import TransformMessage
 from vo_service.config_tables import Ros2Config
 from vo_service.outputs.zenoh.ros2 import (
+    LatchedPublisher,
     RosNode,
     RosTopic,
-    StaticTransformPublisher,
     encode_attachment,
     node_name,
+    publish_static_transform,
     publisher_gid,
     ros_type,
 )
@@ -41,7 +42,7 @@ class RosFrames:
         self._node = RosNode(ros2.domain_id, str(session.zid()), node_name(prefix))
         self._next_number = FIRST_NUMBER
         self._tokens: list[zenoh.LivelinessToken] = []
-        self._transforms: list[StaticTransformPublisher] = []
+        self._transforms: list[LatchedPublisher] = []
 
     def declare_topic(
         self, name: str, schema: str, declare_key: KeyDeclaration[Publisher]
@@ -74,7 +75,7 @@ class RosFrames:
             return
         transform = TransformMessage(time.time(), frame_id, child_frame_id, T_frame_child)
         self._transforms.append(
-            StaticTransformPublisher(self._session, self._node, self._take_number(), transform)
+            publish_static_transform(self._session, self._node, self._take_number(), transform)
         )
 
     def _take_number(self) -> int:

@@ -12,7 +12,6 @@ from drivers.ros_messages.sensors import (
     IMU_SCHEMA,
     LASER_SCAN_SCHEMA,
     POINT_CLOUD_SCHEMA,
-    LaserScanMessage,
     encode_camera_info,
     encode_compressed_image,
     encode_image,
@@ -20,7 +19,7 @@ from drivers.ros_messages.sensors import (
     encode_laser_scan,
     encode_point_cloud,
 )
-from vo_service.config_tables import FramesConfig, ScanConfig
+from vo_service.config_tables import FramesConfig
 from vo_service.navigation.robot_scan import RobotScanner
 from vo_service.types.messages import timing_payload
 from vo_service.types.odometry_update import OdometryUpdate
@@ -29,8 +28,6 @@ if TYPE_CHECKING:  # loaded only if it is enabled
     pass
 from vo_service.outputs.frames.frame_messages import FrameMessages
 
-# After a longer pause, the time between two scans is unknown.
-MAX_SCAN_TIME_S = 1.0
 # Makes the payloads of an update, usually one.
 Encoder = Callable[[OdometryUpdate], Sequence[bytes]]
 
@@ -111,33 +108,11 @@ class ImuEncoder:
         return [encode_imu(messages.imu(reading)) for reading in readings]
 
 
-class ScanEncoder:
-    """Encodes the scan of each frame."""
-
-    def __init__(self, config: ScanConfig, scanner: RobotScanner) -> None:
-        self._config, self._scanner = config, scanner
-        self._last_stamp_s = 0.0
-
-    def __call__(self, update: OdometryUpdate) -> list[bytes]:
-        """Scan a frame and encode it."""
-        self._scanner.warn()  # somebody wants it, so that its faults matter
-        return [encode_laser_scan(self._scan(update))]
-
-    def _scan(self, update: OdometryUpdate) -> LaserScanMessage:
-        angles, ranges_m = self._scanner.scan(update.frame, update.T_odom_base)
-        interval_s, self._last_stamp_s = update.stamp_s - self._last_stamp_s, update.stamp_s
-        return LaserScanMessage(
-            stamp_s=update.stamp_s,
-            frame_id=self._config.frame_id,
-            angle_min_rad=angles.first_rad,
-            angle_increment_rad=angles.step_rad,
-            scan_time_s=interval_s if 0.0 < interval_s < MAX_SCAN_TIME_S else 0.0,
-            range_min_m=self._config.range_min_m,
-            range_max_m=self._config.range_max_m,
-            ranges_m=ranges_m,
-        )
-
-
-def make_scan_topic(config: ScanConfig, scanner: RobotScanner) -> FrameTopic:
+def make_scan_topic(scanner: RobotScanner) -> FrameTopic:
     """Make the topic of the scan. Its name for ROS is the usual one, outside of the namespace."""
-    return FrameTopic("scan", "/scan", LASER_SCAN_SCHEMA, ScanEncoder(config, scanner))
+
+    def scan(update: OdometryUpdate) -> list[bytes]:
+        scanner.warn()  # somebody wants it, so that its faults matter
+        return [encode_laser_scan(scanner.message(update))]
+
+    return FrameTopic("scan", "/scan", LASER_SCAN_SCHEMA, scan)

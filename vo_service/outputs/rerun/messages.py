@@ -104,6 +104,28 @@ class CorrectedPosition:
     position: Array
 
 
+@dataclass(frozen=True, eq=False)
+class ScanPoints:
+    """(N, 3) ends of the scan's ranges in the world, meters."""
+
+    positions: NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class GridCells:
+    """Middles of the occupancy grid's cells in the world, meters.
+
+    Attributes:
+        occupied: (N, 3).
+        free: (M, 3).
+        size_m: Side of a cell.
+    """
+
+    occupied: NDArray[np.float32] = field(default_factory=lambda: np.empty((0, 3), np.float32))
+    free: NDArray[np.float32] = field(default_factory=lambda: np.empty((0, 3), np.float32))
+    size_m: float = 0.05
+
+
 @dataclass(frozen=True)
 class TextLog:
     """A line for the viewer's text log."""
@@ -118,6 +140,7 @@ class InitialState:
     trajectory: BoundedTrajectory = field(default_factory=BoundedTrajectory)
     ground_truth: GroundTruth | None = None
     graph: MapGraph = field(default_factory=MapGraph)
+    grid: GridCells = field(default_factory=GridCells)
 
 
 RerunMessage = (
@@ -128,6 +151,8 @@ RerunMessage = (
     | GroundTruth
     | MapGraph
     | CorrectedPosition
+    | ScanPoints
+    | GridCells
     | TrackingStatus
     | TextLog
 )

@@ -18,10 +18,12 @@ from vo_service.outputs.rerun.messages import (
     CorrectedPosition,
     FrameImages,
     FrameScalars,
+    GridCells,
     GroundTruth,
     InitialState,
     MapGraph,
     RerunMessage,
+    ScanPoints,
     TextLog,
     TrackingStatus,
     TrajectoryPoint,
@@ -32,6 +34,8 @@ from vo_service.types.odometry_update import TrackingState
 
 MAP_COLOR = (60, 210, 200)
 LOOP_COLOR = (230, 80, 210)
+SCAN_COLOR = (255, 60, 60)
+OCCUPIED_COLOR, FREE_COLOR = (200, 120, 60), (70, 90, 80)
 # An unchanged map is drawn again after this many images, for a viewer that connects late.
 IMAGES_PER_MAP_REDRAW = 100
 
@@ -130,6 +134,11 @@ class RerunScene:
                 self._log_ground_truth(message)
             case MapGraph():
                 self._map.set_graph(message)
+            case ScanPoints(positions):
+                points = rr.Points3D(positions, colors=SCAN_COLOR, radii=rr.Radius.ui_points(3.0))
+                self._stream.log(paths.SCAN, points)
+            case GridCells():
+                self._log_grid(message)
             case CorrectedPosition():
                 self._map.extend_to(message)
             case TrackingStatus():
@@ -156,8 +165,20 @@ class RerunScene:
     def _log_initial_state(self, initial_state: InitialState) -> None:
         self._trajectory = _TrajectoryLayer(self._stream, initial_state)
         self._map = MapLayer(self._stream, initial_state.graph)
+        self._log_grid(initial_state.grid)
         if initial_state.ground_truth is not None:
             self._log_ground_truth(initial_state.ground_truth)
+
+    def _log_grid(self, grid: GridCells) -> None:
+        """Draw the cells; an empty grid before the first one is not drawn."""
+        if not len(grid.occupied) and not len(grid.free):
+            return
+        for name, positions, color in (
+            ("occupied", grid.occupied, OCCUPIED_COLOR),
+            ("free", grid.free, FREE_COLOR),
+        ):
+            points = rr.Points3D(positions, colors=color, radii=0.4 * grid.size_m)
+            self._stream.log(f"{paths.GRID}/{name}", points)
 
     def _log_scalars(self, scalars: FrameScalars) -> None:
         """Log pose, counts, times and state."""

@@ -8,20 +8,24 @@ from numpy.typing import NDArray
 
 from drivers.core.geometry import Trajectory, inverse, transform_points
 from drivers.core.rate_limits import Throttle
+from vo_service.navigation.robot_scan import RobotScanner
 from vo_service.outputs.rerun.messages import (
     CorrectedPosition,
     FrameImages,
     FrameScalars,
+    GridCells,
     GroundTruth,
     InitialState,
     MapGraph,
     RerunMessage,
+    ScanPoints,
     TrackingStatus,
     TrajectoryPoint,
 )
 from vo_service.outputs.rerun.sinks import Sink
 from vo_service.types.map_snapshot import NO_MAP, MapSnapshot
 from vo_service.types.messages import Status
+from vo_service.types.occupancy_grid import FREE, NO_GRID, OCCUPIED, OccupancyGrid
 from vo_service.types.odometry_update import OdometryUpdate
 from vo_service.types.outputs import GroundTruthSource, no_ground_truth
 
@@ -67,6 +71,14 @@ class MapEncoder:
             self._is_sent = True
             yield self.graph
 
+    def place_grid(self, grid: OccupancyGrid) -> GridCells:
+        """Place the cells of the occupancy grid in the world."""
+        occupied, free = (
+            transform_points(self._T_world_map, grid.centers_m(value)).astype(np.float32)
+            for value in (OCCUPIED, FREE)
+        )
+        return GridCells(occupied, free, grid.resolution_m)
+
     def encode_corrected_position(self, update: OdometryUpdate) -> Iterator[CorrectedPosition]:
         """Yield the camera's position in the map, if the map is of the same epoch."""
         if self._map is not NO_MAP and self._map.epoch == update.epoch:
@@ -89,7 +101,14 @@ class UpdateEncoder:
         initial_state: Everything drawn so far, for a new process.
     """
 
-    def __init__(self, sink: Sink, image_period_s: float, ground_truth: GroundTruthSource) -> None:
+    def __init__(
+        self,
+        sink: Sink,
+        image_period_s: float,
+        ground_truth: GroundTruthSource,
+        scanner: RobotScanner | None = None,
+    ) -> None:
+        self._scanner, self._grid = scanner, NO_GRID
         self._rate_clock_s = sink.rate_clock_s
         self._throttle = Throttle(image_period_s)
         self._ground_truth = ground_truth
@@ -121,6 +140,26 @@ class UpdateEncoder:
             yield from self._map.encode_corrected_position(update)
             # A copy of the frame omits the cached values derived from it.
             yield FrameImages(replace(update.frame), estimate.debug)
+            yield from self._encode_navigation(update)
+
+    def _encode_navigation(self, update: OdometryUpdate) -> Iterator[RerunMessage]:
+        """Yield the scan, and the occupancy grid if it has changed."""
+        if self._scanner is not None:
+            yield self._encode_scan(self._scanner, update)
+        if update.grid is not self._grid:
+            self._grid = update.grid
+            cells = self._map.place_grid(update.grid)
+            self.initial_state = replace(self.initial_state, grid=cells)
+            yield cells
+
+    def _encode_scan(self, scanner: RobotScanner, update: OdometryUpdate) -> ScanPoints:
+        scan = scanner.message(update)
+        is_hit = np.isfinite(scan.ranges_m)
+        ranges, angles = scan.ranges_m[is_hit], scan.angles_rad[is_hit]
+        ends = np.stack([ranges * np.cos(angles), ranges * np.sin(angles), 0.0 * ranges], axis=1)
+        T_world_odom = update.T_world_camera @ inverse(update.T_odom_camera)
+        T_world_scan = T_world_odom @ update.T_odom_base @ scanner.T_base_scan
+        return ScanPoints(transform_points(T_world_scan, ends).astype(np.float32))
 
     def encode_status(self, status: Status) -> TrackingStatus:
         """Encode a status: the state may change without a frame."""

@@ -30,12 +30,14 @@ from vo_service.types.messages import (
     FrameIds,
     Status,
     encode_message,
+    grid_payload,
     map_odom_attachment,
     map_odom_payload,
     pose_attachment,
     pose_payload,
     versions,
 )
+from vo_service.types.occupancy_grid import NO_GRID
 from vo_service.types.odometry_update import OdometryUpdate
 
 logger = logging.getLogger(__name__)
@@ -208,9 +210,10 @@ class ZenohOutput:
     - map_odom: map->odom transform, if there is a map: on each change, at each new epoch and with
       each status. CDR ``geometry_msgs/msg/TransformStamped``; attachment: JSON of schema, seq,
       epoch, is_localized, map_keyframes, loop_closures
+    - map: occupancy grid, if there is a map, on change: CDR ``nav_msgs/msg/OccupancyGrid``, latched
     - status: JSON of schema, every field of `Status`, versions
     - alive: liveliness token of this object
-    - latest, map_odom, status, schema, command/NAME: queryables
+    - latest, map_odom, map, status, schema, command/NAME: queryables
 
     A pose with a number that is not finite is never published; the error is logged and counted.
 
@@ -241,6 +244,7 @@ class ZenohOutput:
         )
         # The map that was last published, and its epoch.
         self._published_map: tuple[MapSnapshot, int] = (NO_MAP, 0)
+        self._published_grid = NO_GRID
         self._error = ""
         self._connection = connect_policy(config)
         self._endpoints: list[SessionEndpoints] = []
@@ -301,6 +305,8 @@ class ZenohOutput:
             endpoints.publish_pose(update, payload, attachment)
         if update.map is not NO_MAP:
             self._publish_map(update)
+        if update.grid is not self._published_grid:
+            self._publish_grid(update)
         self._extra.on_pose(update)
 
     def _publish_map(self, update: OdometryUpdate) -> None:
@@ -311,6 +317,13 @@ class ZenohOutput:
         if current != self._published_map:
             self._published_map = current
             self._send_map()
+
+    def _publish_grid(self, update: OdometryUpdate) -> None:
+        """Store and publish a changed occupancy grid."""
+        self._published_grid = update.grid
+        self._latest.grid = grid_payload(update, self._endpoint_config.frame_ids)
+        for endpoints in self._endpoints:
+            endpoints.publish_grid(self._latest.grid)
 
     def _send_map(self) -> None:
         if self._latest.map_odom is not None:

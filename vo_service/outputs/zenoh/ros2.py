@@ -12,7 +12,6 @@ import time
 from dataclasses import dataclass
 
 import zenoh
-import zenoh.ext
 
 from drivers.core import InputError
 from drivers.ros_messages.navigation import (
@@ -31,6 +30,7 @@ from drivers.ros_messages.sensors import (
     POINT_CLOUD_SCHEMA,
 )
 from vo_service.config_tables import Ros2Config
+from vo_service.outputs.zenoh.session import declare_latched_publisher
 from vo_service.types.messages import FrameIds, pose_transforms
 from vo_service.types.odometry_update import OdometryUpdate
 
@@ -182,6 +182,7 @@ class Ros2Publisher:
     - the configured topic: nav_msgs/msg/Odometry, the same bytes as on `{prefix}/odom`
     - /tf, if enabled: tf2_msgs/msg/TFMessage with odom->base and, if there is a map, map->odom; see
       `pose_transforms`
+    - /map, once there is one, latched: nav_msgs/msg/OccupancyGrid, as on `{prefix}/map`
 
     Raises:
         InputError: The topic's name is not valid in ROS 2, or is `{prefix}/odom`.
@@ -205,6 +206,8 @@ class Ros2Publisher:
         node = RosNode(settings.domain_id, str(session.zid()), node_name(prefix))
         self._node = session.liveliness().declare_token(node.liveliness_token)
         self._odometry = _TopicPublisher(session, node, 1, odometry, congestion)
+        self._session, self._ros_node = session, node
+        self._map: LatchedPublisher | None = None  # another node may publish the topic
         self._tf = (
             [_TopicPublisher(session, node, 2, RosTopic("tf", TF_MESSAGE, TF_DEPTH), congestion)]
             if settings.tf
@@ -223,6 +226,13 @@ class Ros2Publisher:
         for tf in self._tf if transforms else ():
             tf.put(encode_transforms(transforms), source_ns)
 
+    def publish_grid(self, payload: bytes) -> None:
+        """Publish the occupancy grid; `payload` is its CDR."""
+        if self._map is None:
+            kind = ros_type(OCCUPANCY_GRID_SCHEMA)
+            self._map = LatchedPublisher(self._session, self._ros_node, 3, "map", kind)
+        self._map.put(payload)
+
     def close(self) -> None:
         """Withdraw the publishers."""
         for publisher in (self._odometry, *self._tf):
@@ -230,35 +240,46 @@ class Ros2Publisher:
         self._node.undeclare()  # type: ignore[no-untyped-call]
 
 
-class StaticTransformPublisher:
-    """Publishes one transform on /tf_static, for nodes that subscribe at any time.
+class LatchedPublisher:
+    """Publishes a topic whose last message also reaches nodes that subscribe later.
 
     For rmw_zenoh the publisher keeps the message; for the bridge it is sent again to each new
     subscriber.
     """
 
     def __init__(
-        self, session: zenoh.Session, node: RosNode, number: int, transform: TransformMessage
+        self, session: zenoh.Session, node: RosNode, number: int, name: str, kind: RosType
     ) -> None:
-        topic = RosTopic("tf_static", TF_MESSAGE, depth=1, is_latched=True)
-        self._payload = encode_transforms([transform])
+        topic = RosTopic(name, kind, depth=1, is_latched=True)
+        self._payload = b""
+        self._count = 0
         token = node.publisher_token(number, topic)
+        self._gid = publisher_gid(token)
         # rmw_zenoh's own publishers of latched topics are of this kind.
-        self._rmw = zenoh.ext.declare_advanced_publisher(
-            session,
-            topic.rmw_key(node.domain_id),
-            cache=zenoh.ext.CacheConfig(max_samples=1),
-            publisher_detection=True,
-        )
-        attachment = encode_attachment(1, time.time_ns(), publisher_gid(token))
-        self._rmw.put(self._payload, attachment=attachment)
+        self._rmw = declare_latched_publisher(session, topic.rmw_key(node.domain_id))
         self._bridge = session.declare_publisher(topic.bridge_key)
         self._listener = self._bridge.declare_matching_listener(self._on_match)
         self._token = session.liveliness().declare_token(token)
 
+    def put(self, payload: bytes) -> None:
+        """Publish a message."""
+        self._payload, self._count = payload, self._count + 1
+        attachment = encode_attachment(self._count, time.time_ns(), self._gid)
+        self._rmw.put(payload, attachment=attachment)
+        self._bridge.put(payload)
+
     def _on_match(self, status: zenoh.MatchingStatus) -> None:
-        if status.matching:
+        if status.matching and self._payload:
             self._bridge.put(self._payload)
+
+
+def publish_static_transform(
+    session: zenoh.Session, node: RosNode, number: int, transform: TransformMessage
+) -> LatchedPublisher:
+    """Publish one transform on /tf_static; return its publisher, which has to be kept."""
+    publisher = LatchedPublisher(session, node, number, "tf_static", TF_MESSAGE)
+    publisher.put(encode_transforms([transform]))
+    return publisher
 
 
 class _TopicPublisher:

@@ -5,6 +5,7 @@ import logging
 import re
 
 import zenoh
+import zenoh.ext
 
 from drivers.core import InputError, UserFacingError
 from vo_service.config_tables import ZenohConfig
@@ -138,3 +139,16 @@ def _format_error(error: zenoh.ZError) -> str:
     text = re.sub(r"\s+at /\S+\.rs:\d+\.?", "", str(error))
     quoted = re.search(r'msg: "(.*?)", location', text)
     return " ".join((quoted.group(1) if quoted else text).split())
+
+
+def declare_latched_publisher(
+    session: zenoh.Session, key: str, encoding: zenoh.Encoding | None = None
+) -> zenoh.ext.AdvancedPublisher:
+    """Declare a publisher that gives its last message to advanced subscribers that come later."""
+    return zenoh.ext.declare_advanced_publisher(
+        session,
+        key,
+        encoding=encoding,
+        cache=zenoh.ext.CacheConfig(max_samples=1),
+        publisher_detection=True,
+    )

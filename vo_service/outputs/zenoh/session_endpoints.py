@@ -14,12 +14,14 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import zenoh
+import zenoh.ext
 
 from drivers.core.queues import BlockingQueue, WorkerThread
 from drivers.core.rate_limits import TokenBucket
-from drivers.ros_messages.navigation import ODOMETRY_SCHEMA, TRANSFORM_SCHEMA
+from drivers.ros_messages.navigation import OCCUPANCY_GRID_SCHEMA, ODOMETRY_SCHEMA, TRANSFORM_SCHEMA
 from vo_service.config_tables import CommandConfig, Ros2Config
 from vo_service.control import CommandFuture, CommandQueue
+from vo_service.outputs.zenoh.session import declare_latched_publisher
 from vo_service.types.commands import (
     MAX_PAYLOAD_BYTES,
     CommandError,
@@ -37,6 +39,7 @@ logger = logging.getLogger(__name__)
 
 
 CDR = zenoh.Encoding.APPLICATION_CDR.with_schema(ODOMETRY_SCHEMA)
+CDR_GRID = zenoh.Encoding.APPLICATION_CDR.with_schema(OCCUPANCY_GRID_SCHEMA)
 CDR_TRANSFORM = zenoh.Encoding.APPLICATION_CDR.with_schema(TRANSFORM_SCHEMA)
 JSON = zenoh.Encoding.APPLICATION_JSON
 # Above this, Zenoh drops the oldest query, without any Python code.
@@ -54,6 +57,7 @@ class LatestMessages:
         self.pose: tuple[bytes, bytes] | None = None  # CDR, attachment
         self.map_odom: tuple[bytes, bytes] | None = None  # the same; None without a map
         self.status: bytes | None = None
+        self.grid: bytes | None = None  # CDR; None without a map
 
 
 def serve_queryable(session: zenoh.Session, key: str, handler: QueryHandler) -> threading.Thread:
@@ -118,7 +122,7 @@ def _serve(queryable: zenoh.Queryable[zenoh.Handler[zenoh.Query]], handler: Quer
 
 @dataclass(frozen=True)
 class Queryables:
-    """Queryables for any reader: last pose, map->odom transform, last status, schemas."""
+    """Queryables for any reader: last pose, map->odom transform, grid, last status, schemas."""
 
     prefix: str
     latest: LatestMessages
@@ -128,6 +132,7 @@ class Queryables:
         handlers = {
             "latest": self._reply_latest,
             "map_odom": self._reply_map_odom,
+            "map": self._reply_grid,
             "status": self._reply_status,
             "schema": self._reply_schema,
         }
@@ -149,6 +154,12 @@ class Queryables:
             return
         payload, attachment = self.latest.map_odom
         reply(query, f"{self.prefix}/map_odom", payload, CDR_TRANSFORM, attachment)
+
+    def _reply_grid(self, query: zenoh.Query) -> None:
+        if self.latest.grid is None:
+            reply_error(query, NotPossibleError("there is no occupancy grid yet"))
+            return
+        reply(query, f"{self.prefix}/map", self.latest.grid, CDR_GRID)
 
     def _reply_status(self, query: zenoh.Query) -> None:
         if self.latest.status is None:
@@ -370,7 +381,11 @@ class SessionEndpoints:
         self._status = session.declare_publisher(
             f"{prefix}/status", encoding=JSON, congestion_control=config.congestion
         )
+        self._prefix = prefix
+        self._grid: zenoh.ext.AdvancedPublisher | None = None  # until there is a grid
         self._ros2 = _open_ros2(session, config)
+        if config.queryables.latest.grid is not None:  # of an earlier session
+            self.publish_grid(config.queryables.latest.grid)
         self._threads = config.queryables.declare(session)
         self._threads += config.extra.commands.declare(session, prefix)
         self._threads += config.extra.subscribe_wheels(session)
@@ -386,6 +401,15 @@ class SessionEndpoints:
     def publish_map_odom(self, payload: bytes, attachment: bytes) -> None:
         """Publish the map->odom transform."""
         self._map_odom.put(payload, attachment=attachment)
+
+    def publish_grid(self, payload: bytes) -> None:
+        """Publish the occupancy grid, also for those who subscribe later."""
+        if self._grid is None:
+            key = f"{self._prefix}/map"
+            self._grid = declare_latched_publisher(self.session, key, CDR_GRID)
+        self._grid.put(payload)
+        if self._ros2 is not None:
+            self._ros2.publish_grid(payload)
 
     def publish_status(self, payload: bytes) -> None:
         self._status.put(payload)

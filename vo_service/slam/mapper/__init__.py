@@ -1,1 +1,1 @@
-"""The mapper: keyframes, loop closure, meshes and saved maps in a process of its own."""
+"""The mapper: keyframes, loops, occupancy grid, meshes and saved maps in a process of its own."""

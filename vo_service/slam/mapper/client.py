@@ -6,10 +6,11 @@ from pathlib import Path
 
 from drivers.core import UserFacingError
 from drivers.core.folders import state_folder
+from drivers.core.geometry import T_BODY_CAMERA, Array
 from drivers.core.process.record_ring import RecordRingWriter
 from drivers.core.process.worker_spec import WorkerSpec
 from drivers.core.queues import DropOldestQueue
-from vo_service.config_tables import MapConfig
+from vo_service.config_tables import MapConfig, ScanConfig
 from vo_service.frame_record import compile_kernels, pack_depth, write_frame
 from vo_service.process_output import FaultReporter, ProcessOutput, warn_disabled
 from vo_service.slam.keyframe_selection import (
@@ -33,6 +34,7 @@ from vo_service.slam.relocalization import AsynchronousLoopClosure, Relocalizati
 from vo_service.types.commands import NotPossibleError
 from vo_service.types.map_snapshot import MapSnapshot
 from vo_service.types.messages import MapState, Status
+from vo_service.types.occupancy_grid import NO_GRID, OccupancyGrid
 from vo_service.types.odometry_update import OdometryUpdate
 from vo_service.types.outputs import Mapper, NullLoopClosure, NullMapper
 
@@ -77,13 +79,22 @@ class LiveMapper(ProcessOutput[_QueueItem, MapperWorkerConfig]):
     Args:
         settings: Config table `map`.
         maps_folder: Folder of the saved maps.
+        scan: Heights of the occupancy grid.
+        T_base_camera: 4x4 pose of the optical camera in the base.
 
     Raises:
         OSError: The shared memory cannot be allocated.
     """
 
-    def __init__(self, settings: MapConfig, maps_folder: Path) -> None:
+    def __init__(
+        self,
+        settings: MapConfig,
+        maps_folder: Path,
+        scan: ScanConfig = ScanConfig(),  # noqa: B008 (frozen)
+        T_base_camera: Array = T_BODY_CAMERA,
+    ) -> None:
         super().__init__(NAME)
+        self.grid = NO_GRID
         self.state = MapState()
         self.loop_closure = (
             AsynchronousLoopClosure(self._send_query)
@@ -102,7 +113,9 @@ class LiveMapper(ProcessOutput[_QueueItem, MapperWorkerConfig]):
         )
         compile_kernels()
         self._ring = RecordRingWriter("map-keyframes", _RING_S, _RING_BYTES)
-        config = MapperWorkerConfig(self._ring.memory, 0, maps_folder, settings)
+        config = MapperWorkerConfig(
+            self._ring.memory, 0, maps_folder, settings, scan, T_base_camera
+        )
         self._start(WORKER_SPEC, config, DropOldestQueue(2))
 
     def on_update(self, update: OdometryUpdate) -> None:
@@ -168,6 +181,8 @@ class LiveMapper(ProcessOutput[_QueueItem, MapperWorkerConfig]):
                 self._handle_save_result(message)
             case LoadMapResult():
                 self._handle_load_result(message)
+            case OccupancyGrid():
+                self.grid = message
             case MapSnapshot() | RelocalizationResult():
                 self.loop_closure.handle_message(message)
 
@@ -212,6 +227,7 @@ class LiveMapper(ProcessOutput[_QueueItem, MapperWorkerConfig]):
                 self._save_faults.set(f"saving {self.state.saving} was interrupted")
             self.state = replace(self.state, mesh_keyframes=0, saving="", loading="", loaded="")
             self._config = replace(self._config, first_frame=self._ring.record_count)
+        self.grid = NO_GRID
         self._force_keyframe()
         self.loop_closure.reset()
         return True
@@ -229,10 +245,14 @@ class LiveMapper(ProcessOutput[_QueueItem, MapperWorkerConfig]):
             self._ring.close()
 
 
-def open_mapper(settings: MapConfig) -> Mapper:
+def open_mapper(
+    settings: MapConfig,
+    scan: ScanConfig = ScanConfig(),  # noqa: B008 (frozen)
+    T_base_camera: Array = T_BODY_CAMERA,
+) -> Mapper:
     """Open the mapper of the settings; a `NullMapper` if it fails."""
     try:
-        return LiveMapper(settings, state_folder() / "maps")
+        return LiveMapper(settings, state_folder() / "maps", scan, T_base_camera)
     except (UserFacingError, OSError) as error:
         reason = warn_disabled("map: disabled", "no shared memory", error)
         return NullMapper(reason, reason)

@@ -1,6 +1,7 @@
 """Folder of saved maps, with a limit of its size and atomic writes."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from drivers.core import UserFacingError
@@ -12,10 +13,18 @@ from drivers.core.files import (
     remove_partial_folders,
 )
 from drivers.core.write_errors import writing
+from vo_service.navigation.grid_files import (
+    IMAGE_SUFFIX,
+    SETTINGS_SUFFIX,
+    write_grid_image,
+    write_grid_settings,
+)
+from vo_service.types.occupancy_grid import OccupancyGrid
 
-# Suffixes of a saved map's files: the mesh, and the keyframes with their pose graph.
+# Suffixes of a saved map's files: the mesh, the keyframes with their pose graph, and the grid.
 MESH_SUFFIX = ".ply"
 MAP_SUFFIX = ".keyframes"
+SUFFIXES = (MESH_SUFFIX, MAP_SUFFIX, IMAGE_SUFFIX, SETTINGS_SUFFIX)
 
 
 class MapStore:
@@ -53,6 +62,19 @@ class MapStore:
     def map_file(self, name: str) -> Path:
         """Path of a map's keyframes."""
         return self.folder / f"{name}{MAP_SUFFIX}"
+
+    def write_grid(self, name: str, grid: OccupancyGrid, max_total_bytes: int) -> None:
+        """Write a map's occupancy grid, as an image and its settings.
+
+        Raises:
+            UserFacingError: As `write`.
+        """
+        for suffix, write in (
+            (IMAGE_SUFFIX, write_grid_image),
+            (SETTINGS_SUFFIX, write_grid_settings),
+        ):
+            file = self.folder / f"{name}{suffix}"
+            self.write(file, max_total_bytes, partial(write, grid=grid))
 
     def clean_up(self) -> None:
         """Remove partial files of an earlier mapper.
@@ -108,7 +130,5 @@ class MapStore:
         if not self.folder.is_dir():
             return []
         return [
-            file
-            for file in self.folder.iterdir()
-            if file.suffix in (MESH_SUFFIX, MAP_SUFFIX) and file.is_file()
+            file for file in self.folder.iterdir() if file.suffix in SUFFIXES and file.is_file()
         ]

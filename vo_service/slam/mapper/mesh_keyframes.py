@@ -3,7 +3,7 @@
 import math
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Self
 
 import cv2
@@ -15,6 +15,8 @@ from drivers.core.geometry import Array
 from drivers.core.process.record_ring import RingRecord
 from drivers.recording.image_encoding import encode_jpeg
 from vo_service.frame_record import decode_frame, decode_metadata, unpack_depth
+from vo_service.navigation.grid_mapper import GridMapper
+from vo_service.navigation.local_grid import NO_CELLS, LocalCells
 from vo_service.slam.keyframe_selection import pose_distance_steps
 from vo_service.slam.pose_graph import AnchoredPose
 
@@ -38,6 +40,7 @@ class MeshKeyframe:
         jpeg: Color image.
         packed_depth: Depth image.
         anchored_pose: The pose relative to a keyframe of the map, which moves with the map.
+        cells: What it tells of the occupancy grid, in its level frame.
     """
 
     epoch: int
@@ -47,26 +50,30 @@ class MeshKeyframe:
     jpeg: bytes
     packed_depth: bytes
     anchored_pose: AnchoredPose
+    cells: LocalCells = field(default_factory=lambda: NO_CELLS)
 
     @classmethod
-    def from_record(cls, record: RingRecord, anchored_pose: AnchoredPose) -> Self:
+    def from_record(
+        cls, record: RingRecord, anchored_pose: AnchoredPose, grid_mapper: GridMapper
+    ) -> Self:
         """Make a keyframe of a frame in the ring, whose world frame is `odom`."""
         metadata = decode_metadata(record.metadata)
-        color_bgr = decode_frame(record, 0.0).color_bgr
+        frame = decode_frame(record, 0.0)
         return cls(
             epoch=metadata.published.epoch,
             T_odom_camera=metadata.published.T_world_camera,
             camera=metadata.camera,
             depth_factor=metadata.depth_factor,
-            jpeg=encode_jpeg(color_bgr, JPEG_QUALITY),
+            jpeg=encode_jpeg(frame.color_bgr, JPEG_QUALITY),
             packed_depth=zlib.compress(record.payload[: metadata.depth_bytes], level=1),
             anchored_pose=anchored_pose,
+            cells=grid_mapper.cells(frame, metadata.published.T_world_camera),
         )
 
     @property
     def size_bytes(self) -> int:
-        """Bytes of both images."""
-        return len(self.jpeg) + len(self.packed_depth)
+        """Bytes of both images and the cells."""
+        return len(self.jpeg) + len(self.packed_depth) + self.cells.nbytes
 
     @property
     def color_bgr(self) -> NDArray[np.uint8]:

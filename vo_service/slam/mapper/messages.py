@@ -1,14 +1,16 @@
 """The messages between the service and the mapper process."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
+from drivers.core.geometry import T_BODY_CAMERA, Array
 from drivers.core.process.messages import Heartbeat
 from drivers.core.process.record_ring import RecordRingMemory
-from vo_service.config_tables import MapConfig
+from vo_service.config_tables import MapConfig, ScanConfig
 from vo_service.slam.relocalization import RelocalizationResult
 from vo_service.types.map_snapshot import MapSnapshot
+from vo_service.types.occupancy_grid import OccupancyGrid
 
 
 @dataclass(frozen=True)
@@ -20,12 +22,16 @@ class MapperWorkerConfig:
         first_frame: Number of the first valid frame.
         maps_folder: Folder of the saved maps.
         map_config: Config table `map`.
+        scan_config: Config table `scan`: the heights of the occupancy grid.
+        T_base_camera: 4x4 pose of the optical camera in the base.
     """
 
     frame_ring: RecordRingMemory
     first_frame: int
     maps_folder: Path
     map_config: MapConfig
+    scan_config: ScanConfig = ScanConfig()  # noqa: RUF009 (frozen)
+    T_base_camera: Array = field(default_factory=lambda: T_BODY_CAMERA)
 
     @property
     def fds(self) -> tuple[int, ...]:
@@ -101,6 +107,14 @@ class LoadMapResult:
     error: str = ""
 
 
-# A snapshot is sent when the map has changed, a relocalization result when a frame is recognized.
-MapperMessage = MapperStatus | SaveMapResult | LoadMapResult | MapSnapshot | RelocalizationResult
+# A snapshot and the grid are sent when they have changed, a relocalization result when a frame is
+# recognized.
+MapperMessage = (
+    MapperStatus
+    | SaveMapResult
+    | LoadMapResult
+    | MapSnapshot
+    | RelocalizationResult
+    | OccupancyGrid
+)
 SendMapperMessage = Callable[[MapperMessage], object]

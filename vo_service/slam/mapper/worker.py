@@ -21,6 +21,7 @@ from drivers.core.process.record_ring import RecordRingReader, RingRecord
 from drivers.core.process.service_connection import ServiceConnection
 from vo_service.config_tables import MapConfig
 from vo_service.frame_record import decode_metadata
+from vo_service.slam.mapper.keyframe_grid import KeyframeGrid
 from vo_service.slam.mapper.map_store import MapStore
 from vo_service.slam.mapper.mesh_job import FuseKeyframes, MeshJob, build_mesh
 from vo_service.slam.mapper.mesh_keyframes import MeshKeyframe, MeshKeyframeStore
@@ -34,6 +35,7 @@ from vo_service.slam.mapper.messages import (
     SendMapperMessage,
 )
 from vo_service.slam.pose_graph import AnchoredPose
+from vo_service.types.occupancy_grid import NO_GRID
 from vo_service.types.odometry_update import TrackingState
 
 if TYPE_CHECKING:  # its libraries take a second and a hundred megabytes
@@ -91,6 +93,7 @@ class MapperWorker:
     ) -> None:
         self._settings, self._send, self._close_inherited = config.map_config, send, close_inherited
         self._ring, self._next_record = RecordRingReader(config.frame_ring), config.first_frame
+        self._grid = KeyframeGrid(config, send)
         self._keyframes = MeshKeyframeStore(config.map_config.max_mb * MEGABYTE)
         self._store = MapStore(config.maps_folder)
         self._loop_closure = open_loop_closure_worker(config.map_config, send)
@@ -125,6 +128,7 @@ class MapperWorker:
             if record is not None:  # None if it is already overwritten
                 self._process_record(record)
         self._loop_closure.answer_query()
+        self._grid.send_if_due(self._keyframes, self._loop_closure.T_map_camera)
         return first < last
 
     def handle(self, request: SaveMapRequest | LoadMapRequest | MapConfig) -> None:
@@ -156,6 +160,7 @@ class MapperWorker:
             self._store.clean_up()
 
     def _process_record(self, record: RingRecord) -> None:
+        self._grid.mark_stale()
         for removal in self._loop_closure.process_record(record):
             self._keyframes.re_anchor(removal)
         published = decode_metadata(record.metadata).published
@@ -163,7 +168,9 @@ class MapperWorker:
         if is_tracked and self._keyframes.accepts(published.epoch, published.T_world_camera):
             self._keyframes.add(
                 MeshKeyframe.from_record(
-                    record, self._loop_closure.anchor_to_last_keyframe(published.T_world_camera)
+                    record,
+                    self._loop_closure.anchor_to_last_keyframe(published.T_world_camera),
+                    self._grid.mapper,
                 )
             )
 
@@ -176,13 +183,17 @@ class MapperWorker:
             self._send(LoadMapResult(file, error=str(error)))
             return
         self._keyframes.clear()
+        self._grid.mark_stale()
         self._send(LoadMapResult(file, keyframe_count))
 
     def _save_map(self, name: str) -> None:
-        """Write the map, and start the mesh job."""
+        """Write the map and its grid, and start the mesh job."""
         file = self._store.mesh_file(name)
         try:
             self._loop_closure.save(self._store, name, self._settings.total_mb * MEGABYTE)
+            grid = self._grid.render(self._keyframes, self._loop_closure.T_map_camera)
+            if grid is not NO_GRID:
+                self._store.write_grid(name, grid, self._settings.total_mb * MEGABYTE)
             self._start_mesh_job(file, name)
         except UserFacingError as error:
             self._send(SaveMapResult(file, error=str(error)))

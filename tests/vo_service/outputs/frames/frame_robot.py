@@ -51,7 +51,8 @@ class Robot:
         stamps_s = [self._make_update(seq).frame.stamp_s for seq in range(self._seq + 1)[::3][-16:]]
         readings = [AccelerometerReading(stamp_s, (0.0, -9.81, 0.0)) for stamp_s in stamps_s]
         frame = replace(update.frame, accelerometer=tuple(readings))
-        update = replace(update, frame=frame)
+        T_odom_camera = update.T_odom_base @ T_BASE_CAMERA
+        update = replace(update, frame=frame, T_odom_camera=T_odom_camera)
         self.poses.on_update(update)
         self._seq += 1
         return update

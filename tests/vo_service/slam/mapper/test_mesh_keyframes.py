@@ -12,7 +12,9 @@ from drivers.core.geometry import rigid_transform
 from drivers.core.process.record_ring import RecordRingReader, RecordRingWriter
 from tests.vo_service.outputs.recorder import recorder_inputs
 from tests.vo_service.slam.mapper.wall_sequence import CAMERA
+from vo_service.config_tables import ScanConfig
 from vo_service.frame_record import pack_depth, write_frame
+from vo_service.navigation.grid_mapper import GridMapper
 from vo_service.slam.keyframe_selection import STEP_M
 from vo_service.slam.mapper.mesh_keyframes import MeshKeyframe, MeshKeyframeStore
 from vo_service.slam.pose_graph import AnchoredPose, NodeRemoval
@@ -25,6 +27,9 @@ def ring() -> Iterator[RecordRingWriter]:
     writer = RecordRingWriter("trial", 5.0, 1 << 22)
     yield writer
     writer.close()
+
+
+GRID_MAPPER = GridMapper(ScanConfig(), np.eye(4), 0.05, 4.0)
 
 
 def at(x_m: float, epoch: int = 0) -> MeshKeyframe:
@@ -45,7 +50,7 @@ def test_depth_is_lossless_and_color_nearly(ring: RecordRingWriter) -> None:
     write_frame(ring, update, pack_depth)
     record = RecordRingReader(ring.memory).read_record(0)
     assert record is not None
-    keyframe = MeshKeyframe.from_record(record, AnchoredPose(None, np.eye(4)))
+    keyframe = MeshKeyframe.from_record(record, AnchoredPose(None, np.eye(4)), GRID_MAPPER)
     np.testing.assert_array_equal(keyframe.depth_m, update.frame.depth_m)
     assert np.abs(keyframe.color_bgr.astype(int) - smooth).max() <= 4
     assert (keyframe.epoch, keyframe.camera) == (update.epoch, update.frame.camera)

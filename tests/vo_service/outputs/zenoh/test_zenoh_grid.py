@@ -1,0 +1,86 @@
+"""The occupancy grid over real Zenoh: on change, and for those who come later."""
+
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import zenoh
+import zenoh.ext
+
+from drivers.ros_messages.decoding import decode_occupancy_grid
+from tests.vo_service.outputs.zenoh.query_helpers import (
+    config,
+    connected_session,
+    query,
+    reply_json,
+)
+from tests.vo_service.outputs.zenoh.ros_node import ros_node
+from tests.waiting import wait_until
+from vo_service import PoseClient
+from vo_service.config_tables import Ros2Config
+from vo_service.outputs.zenoh.output import LOCKSTEP_QOS, ZenohOutput
+from vo_service.outputs.zenoh.session_endpoints import ExtraEndpoints
+from vo_service.types.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from vo_service.types.odometry_update import OdometryUpdate
+
+pytestmark = pytest.mark.zenoh
+
+MakeUpdate = Callable[..., OdometryUpdate]
+FIRST = OccupancyGrid(np.array([[FREE, OCCUPIED, UNKNOWN]], np.int8), 0.05, (-1.0, 2.0))
+SECOND = OccupancyGrid(np.array([[FREE, FREE, UNKNOWN]], np.int8), 0.05, (-1.0, 2.0))
+ROS_KEY = (
+    "0/map/nav_msgs::msg::dds_::OccupancyGrid_/"
+    "RIHS01_8d348150c12913a31ee0ec170fbf25089e4745d17035792a1ba94d6f0bc0cfc7"
+)
+
+
+def late_sample(session: zenoh.Session, key: str) -> bytes:
+    """The last sample of before the subscription."""
+    received: list[bytes] = []
+    subscriber = zenoh.ext.declare_advanced_subscriber(
+        session,
+        key,
+        lambda sample: received.append(sample.payload.to_bytes()),
+        history=zenoh.ext.HistoryConfig(detect_late_publishers=True),
+    )
+    wait_until(lambda: bool(received))
+    subscriber.undeclare()  # type: ignore[no-untyped-call]
+    return received[-1]
+
+
+def test_a_changed_grid_is_published_and_kept(free_port: int, make_update: MakeUpdate) -> None:
+    samples: list[zenoh.Sample] = []
+    with (
+        closing(ZenohOutput(config(free_port), LOCKSTEP_QOS)) as output,
+        connected_session(free_port) as session,
+    ):
+        session.declare_subscriber("kinect/odom", lambda _: None)
+        session.declare_subscriber("kinect/map", samples.append)
+        assert output.wait_for_subscriber(100)
+        output.on_update(make_update(0))
+        (refusal,) = map(reply_json, query(session, "kinect/map"))
+        assert refusal["message"] == "there is no occupancy grid yet"
+        for seq, grid in enumerate((FIRST, FIRST, SECOND, SECOND), start=1):
+            output.on_update(replace(make_update(seq), grid=grid))
+        wait_until(lambda: len(samples) == 2)
+        late = decode_occupancy_grid(late_sample(session, "kinect/map"))
+        with PoseClient(connect=f"tcp/127.0.0.1:{free_port}") as client:
+            asked = client.grid()
+    sent = decode_occupancy_grid(samples[0].payload.to_bytes())
+    assert str(samples[0].encoding) == "application/cdr;nav_msgs/msg/OccupancyGrid"
+    assert (sent.frame_id, sent.origin_xy_m) == ("map", FIRST.origin_xy_m)
+    assert sent.stamp_s == pytest.approx(make_update(1).stamp_s, abs=1e-9)
+    np.testing.assert_array_equal(sent.cells, FIRST.cells)
+    for message in (late, asked):
+        np.testing.assert_array_equal(message.cells, SECOND.cells)
+
+
+def test_a_late_ros_node_gets_the_grid(free_port: int, make_update: MakeUpdate) -> None:
+    extra = ExtraEndpoints(ros2=Ros2Config(enabled=True))
+    output = ZenohOutput(config(free_port), LOCKSTEP_QOS, extra_endpoints=extra)
+    with closing(output), ros_node(free_port) as node:
+        output.on_update(replace(make_update(0), grid=FIRST))
+        message = decode_occupancy_grid(late_sample(node, ROS_KEY))
+        np.testing.assert_array_equal(message.cells, FIRST.cells)

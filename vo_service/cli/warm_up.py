@@ -47,7 +47,7 @@ def run(request: WarmUpRequest) -> int:
             taken_s += prepare_loop_closure(terminal, stop)
         if config.recorder.enabled or config.map.enabled:
             taken_s += run_warm_up(_warm_up_depth_packing, terminal, stop)
-        taken_s += run_warm_up(_warm_up_scan, terminal, stop)
+        taken_s += run_warm_up(_warm_up_navigation, terminal, stop)
         if config.camera.source == "synthetic":
             taken_s += run_warm_up(_warm_up_renderer, terminal, stop)
     maps = " and of maps" if config.map.enabled else ""
@@ -64,12 +64,14 @@ def _warm_up_depth_packing(on_progress: Callable[[str], None]) -> float:
     return time.monotonic() - begin_s
 
 
-def _warm_up_scan(on_progress: Callable[[str], None]) -> float:
+def _warm_up_navigation(on_progress: Callable[[str], None]) -> float:
+    from vo_service.navigation.grid_mapper import GridMapper
     from vo_service.navigation.robot_scan import RobotScanner
 
     begin_s = time.monotonic()
-    on_progress("scan")
+    on_progress("scan and grid")
     RobotScanner.warm_up()
+    GridMapper.warm_up()
     return time.monotonic() - begin_s
 
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.camera import PinholeCamera
+from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import Array
 from drivers.core.jit import kernel
 
@@ -90,6 +90,19 @@ def _fill_rays(
             rays.bin[i, j] = number if 0 <= number < bins else -1
             rays.horizontal[i, j] = np.sqrt(forward * forward + left * left)
             rays.vertical[i, j] = R[2, 0] * x + R[2, 1] * y + R[2, 2]
+
+
+def tiny_frame() -> RgbdFrame:
+    """Return a frame of a few pixels, with which the kernels are compiled."""
+    return RgbdFrame(
+        seq=0,
+        stamp_s=0.0,
+        receive_time_s=0.0,
+        color_bgr=np.zeros((4, 4, 3), np.uint8),
+        depth_raw=np.full((4, 4), 1000, np.uint16),
+        depth_factor=1000.0,
+        camera=PinholeCamera(4, 4, 4.0, 4.0, 1.5, 1.5),
+    )
 
 
 def read_only(depth_raw: NDArray[np.uint16]) -> NDArray[np.uint16]:

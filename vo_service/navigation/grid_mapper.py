@@ -5,8 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from drivers.camera import RgbdFrame
-from drivers.core.geometry import Array
+from drivers.core.geometry import T_BODY_CAMERA, Array, rigid_transform
 from vo_service.config_tables import ScanConfig
+from vo_service.navigation.depth_rays import tiny_frame
 from vo_service.navigation.grid_rendering import render_grid
 from vo_service.navigation.height_limits import height_band
 from vo_service.navigation.level_view import LevelMounting
@@ -42,6 +43,13 @@ class GridMapper:
             return NO_CELLS
         band = height_band(self._config, view.height_m, self._range_max_m)
         return local_cells(frame, view, band, self._resolution_m)
+
+    @staticmethod
+    def warm_up() -> None:
+        """Compile or load the kernels."""
+        mapper = GridMapper(ScanConfig(), T_BODY_CAMERA, 0.5, 1.0)
+        T_odom_camera = rigid_transform(np.eye(3), (0.0, 0.0, 0.5)) @ T_BODY_CAMERA
+        mapper.render([(mapper.cells(tiny_frame(), T_odom_camera), T_odom_camera)])
 
     def render(self, frames: Sequence[tuple[LocalCells, Array]]) -> OccupancyGrid:
         """Render the map of frames, given as cells and pose of the optical camera in the map."""

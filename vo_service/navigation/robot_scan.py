@@ -5,10 +5,11 @@ import logging
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.camera import PinholeCamera, RgbdFrame
+from drivers.camera import RgbdFrame
 from drivers.core.geometry import T_BODY_CAMERA, Array
 from drivers.ros_messages.sensors import LaserScanMessage
 from vo_service.config_tables import ScanConfig
+from vo_service.navigation.depth_rays import tiny_frame
 from vo_service.navigation.height_limits import height_band, mounting_problem
 from vo_service.navigation.level_view import LevelMounting
 from vo_service.navigation.scan import ScanAngles, Scanner
@@ -90,14 +91,4 @@ class RobotScanner:
     @staticmethod
     def warm_up() -> None:
         """Compile or load the kernels: at their first use, the poses would wait for that."""
-        camera = PinholeCamera(4, 4, 4.0, 4.0, 1.5, 1.5)
-        frame = RgbdFrame(
-            seq=0,
-            stamp_s=0.0,
-            receive_time_s=0.0,
-            color_bgr=np.zeros((4, 4, 3), np.uint8),
-            depth_raw=np.full((4, 4), 1000, np.uint16),
-            depth_factor=1000.0,
-            camera=camera,
-        )
-        RobotScanner(ScanConfig(), T_BODY_CAMERA).scan(frame, T_BODY_CAMERA)
+        RobotScanner(ScanConfig(), T_BODY_CAMERA).scan(tiny_frame(), T_BODY_CAMERA)

@@ -52,12 +52,14 @@ def test_a_tilted_base_sees_the_same_wall(
     """A base with a known tilt is as a tilted camera on a level base."""
     tilt = so3_exp([0.0, pitch, 0.0]) @ so3_exp([roll, 0.0, 0.0])
     T_base_camera = mounted(height_m)
-    frame = wall_on_floor(rigid_transform(tilt, np.zeros(3)) @ T_base_camera, 2.0)
+    T_level_camera = rigid_transform(tilt, np.zeros(3)) @ T_base_camera
+    frame = wall_on_floor(T_level_camera, 2.0)
     T_odom_base = rigid_transform(so3_exp([0.0, 0.0, yaw]) @ tilt, (1.0, 2.0, 0.0))
     ranges = scan_of(frame, T_base_camera, T_odom_base)
     known = np.isfinite(ranges)
     assert np.count_nonzero(known) > 0.9 * len(ranges)
-    np.testing.assert_allclose(ranges[known], 2.0 / np.cos(angles_rad()[known]), rtol=0.02)
+    expected = (2.0 - T_level_camera[0, 3]) / np.cos(angles_rad())
+    np.testing.assert_allclose(ranges[known], expected[known], rtol=0.02)
 
 
 def test_the_first_range_is_on_the_right() -> None:

@@ -75,6 +75,20 @@ def test_the_shipped_example_has_exactly_the_defaults() -> None:
     assert read_config(example) == read_config(None)
 
 
+def test_the_example_of_a_robot_is_a_planar_base_with_wheels() -> None:
+    config = read_config(Path(__file__).parents[2] / "config" / "robot.toml")
+    assert config.base.planar
+    assert config.wheel_odometry.enabled
+    assert config.T_base_camera.T_base_camera[2, 3] == 0.6
+
+
+@pytest.mark.parametrize("height_m", [0.0, -0.5])
+def test_a_planar_base_needs_the_height_of_its_camera(tmp_path: Path, height_m: float) -> None:
+    mount = f"[T_base_camera]\ntranslation_m = [0.1, 0.0, {height_m}]\n"
+    with pytest.raises(InputError, match="T_base_camera.translation_m.*camera's height above"):
+        read(tmp_path, f"schema = 1\n[base]\nplanar = true\n{mount}")
+
+
 def test_every_table_is_read(tmp_path: Path) -> None:
     config = read(tmp_path, WHOLE)
     assert config.camera.source == "tum:desk"

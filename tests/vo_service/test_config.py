@@ -85,7 +85,7 @@ def test_the_example_of_a_robot_is_a_planar_base_with_wheels() -> None:
 @pytest.mark.parametrize("height_m", [0.0, -0.5])
 def test_a_planar_base_needs_the_height_of_its_camera(tmp_path: Path, height_m: float) -> None:
     mount = f"[T_base_camera]\ntranslation_m = [0.1, 0.0, {height_m}]\n"
-    with pytest.raises(InputError, match="T_base_camera.translation_m.*camera's height above"):
+    with pytest.raises(InputError, match=r"T_base_camera\.translation_m.*camera's height above"):
         read(tmp_path, f"schema = 1\n[base]\nplanar = true\n{mount}")
 
 

@@ -174,7 +174,7 @@ def test_a_1473_without_firmware_streams_and_its_status_has_the_limitation(
     late_1473: ServiceProcess,
 ) -> None:
     late_1473.wait_for_status(lambda status: status["state"] == "tracking")
-    assert late_1473.status["camera"]["level"] == "assumed"
+    assert late_1473.status["level"]["source"] == "assumed"
     assert "firmware" in late_1473.log
 
 

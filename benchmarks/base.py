@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.hard_cases import read_scene
-from benchmarks.harness import Table, to_mm
+from benchmarks.harness import Table, option, to_mm
 from benchmarks.rendered_sequences import render_all
 from benchmarks.tracking import TrackedSequence, evaluate_trajectory, open_frames_with_truth, track
 from drivers.core.geometry import (
@@ -163,10 +163,10 @@ class SimulatedWheels(NullWheelOdometry):
         self._wheels.add_message(encode_wheel_reading(reading))
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    parser.add_argument("folder", type=Path, help="folder of the sequences")
-    parser.add_argument("--scenes", nargs="+", choices=SCENES, default=list(SCENES))
+OPTIONS = (
+    option("folder", type=Path, help="folder of the sequences"),
+    option("--scenes", nargs="+", choices=SCENES, default=list(SCENES)),
+)
 
 
 def main(args: argparse.Namespace) -> None:

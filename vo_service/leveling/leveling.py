@@ -84,6 +84,7 @@ class Leveling:
             self._filter.sigma_rad,
             self._tilt_rad,
             self._camera_height_m,
+            self._floor_z_m,
             (x, y, z) if self._filter.has_bias else None,
         )
 

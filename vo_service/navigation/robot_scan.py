@@ -50,17 +50,17 @@ class RobotScanner:
         return self._mounting.T_base_level(FRAME_HEIGHT_M)
 
     def scan(
-        self, frame: RgbdFrame, T_odom_camera: Array
+        self, frame: RgbdFrame, T_floor_camera: Array
     ) -> tuple[ScanAngles, NDArray[np.float32]]:
         """Scan a frame; all is unknown if the camera is not higher than an obstacle.
 
         Args:
-            T_odom_camera: 4x4; it tells what is level. z of `odom` is 0 on the floor.
+            T_floor_camera: 4x4 pose in a level frame whose z is 0 on the floor.
 
         Returns:
             As `Scanner.scan`.
         """
-        view = self._mounting.view(T_odom_camera)
+        view = self._mounting.view(T_floor_camera)
         band = height_band(self._config, view.height_m, self._config.range_max_m)
         angles, ranges_m = self._scanner.scan(frame, view, band)
         if view.height_m <= self._config.min_height_m:
@@ -69,7 +69,9 @@ class RobotScanner:
 
     def message(self, update: OdometryUpdate) -> LaserScanMessage:
         """Scan the frame of an update."""
-        angles, ranges_m = self.scan(update.frame, update.T_odom_camera)
+        T_floor_camera = update.T_odom_camera.copy()
+        T_floor_camera[2, 3] -= update.level.floor_z_m or 0.0
+        angles, ranges_m = self.scan(update.frame, T_floor_camera)
         interval_s, self._last_stamp_s = update.stamp_s - self._last_stamp_s, update.stamp_s
         return LaserScanMessage(
             stamp_s=update.stamp_s,

@@ -22,6 +22,8 @@ class Level:
         sigma_rad: Standard deviation of it; 0 = unknown.
         tilt_rad: Angle between the z axis of the base and up, as measured last.
         camera_height_m: Of the camera above the floor; None until a floor was seen.
+        floor_z_m: Height of the floor in `odom`; None until a floor was seen, unless the base is on
+            it.
         accelerometer_bias_m_s2: Bias of the accelerometer, in camera axes; None until it is known.
     """
 
@@ -29,6 +31,7 @@ class Level:
     sigma_rad: float = 0.0
     tilt_rad: float = 0.0
     camera_height_m: float | None = None
+    floor_z_m: float | None = None
     accelerometer_bias_m_s2: tuple[float, float, float] | None = None
 
 

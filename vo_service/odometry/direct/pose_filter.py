@@ -61,9 +61,13 @@ def fuse_with_prediction(
         the last well constrained frame.
     """
     is_degenerate = bool(uncertainty.rejection_reason)
-    extrapolated = NO_INFORMATION
+    told = motion_state.told_motion
+    extrapolated = step = NO_INFORMATION
     if is_degenerate:
-        extrapolated = information_of_prediction(motion_state, stamp_s)
+        extrapolated = step = information_of_prediction(motion_state, stamp_s)
+    if is_degenerate and told is not None:
+        # The drift of wheels makes the pose less certain, but not their motion since the last one.
+        step = told.information
     T_world_camera, velocity, covariance, normalized_innovation = _fuse(
         (result.T_world_camera, result.alignment.camera_velocity),
         (motion_state.predict_pose(stamp_s), motion_state.velocity),
@@ -71,12 +75,11 @@ def fuse_with_prediction(
         uncertainty.degeneracy.suppress_noise(uncertainty.is_constrained),
         result.alignment.T_camera_keyframe,
         motion_state.normalized_innovation,
-        extrapolated,
+        (step, extrapolated),
         # The step from an extrapolated pose to a measured one is no motion of the camera.
         is_degenerate or not motion_state.is_extrapolated,
     )
     if is_degenerate:
-        told = motion_state.told_motion
         reason = f"degenerate view: {told.source}" if told else uncertainty.rejection_reason
         result = replace(result, degradation=reason)
         uncertainty = replace(uncertainty, covariance=covariance)
@@ -114,7 +117,7 @@ def _fuse(
     W: Array,
     T_camera_keyframe: Array,
     normalized_innovation: float,
-    extrapolated: Array,
+    predicted_information: tuple[Array, Array],
     uses_velocity: bool,
 ) -> tuple[Array, Array, Array, float]:
     """Pose 4x4 and velocity (6,) of the camera, their fused covariance 6x6, and the innovation.
@@ -129,9 +132,11 @@ def _fuse(
             adds would look like a constraint.
         T_camera_keyframe: 4x4.
         normalized_innovation: Up to the last frame, see `MotionState`.
-        extrapolated: 6x6 information of the predicted pose in a degenerate view; else zero.
+        predicted_information: 6x6 of the motion since the last pose, and of the predicted pose,
+            in a degenerate view; else zero.
         uses_velocity: Whether the measured velocity is one.
     """
+    step, extrapolated = predicted_information
     innovation = se3_log(compose(invert(predicted[0]), measured[0]))
     of_covariance = invert_cholesky(covariance)
     to_keyframe = se3_adjoint(invert(T_camera_keyframe))
@@ -148,7 +153,7 @@ def _fuse(
     for i in range(6):
         for j in range(6):
             total[i, j] = prediction_share * of_covariance[i, j]
-            total[i, j] += information[i, j] / FRAME_COVARIANCE_SHARE + extrapolated[i, j]
+            total[i, j] += information[i, j] / FRAME_COVARIANCE_SHARE + step[i, j]
     # Share of the innovation that is taken over: P (P + R)^-1 = (P^-1 + R^-1)^-1 R^-1.
     gain = multiply(invert_cholesky(total), information)
     for i in range(6):

@@ -56,7 +56,7 @@ def test_the_prior_alone_leads_to_the_predicted_pose(predicted: Array, start: Ar
     for _ in range(5):
         H, g = np.eye(15), np.zeros(15)
         add_pose_prior(H, g, T, prior)
-        step: Array = -np.linalg.solve(H, g)[:6]
+        step = np.asarray(-np.linalg.solve(H, g)[:6], np.float64)
         T = compose(T, se3_exp(step))
     np.testing.assert_allclose(T, T_predicted, atol=1e-5)
 
@@ -78,7 +78,7 @@ def test_wheels_keep_a_degenerate_view_degraded_instead_of_lost() -> None:
     assert {e.reason for e in estimates} == {"degenerate view: wheel odometry"}
     assert all(e.ok for e in estimates)
     for k, estimate in enumerate(estimates, start=FIRST_PLAIN):
-        assert_close(estimate.T_world_camera, BRISK.pose_at(k / 30), 0.015, 0.4)
+        assert_close(estimate.T_world_camera, BRISK.pose_at(k / 30), 0.012, 0.2)
     assert np.trace(estimates[-1].covariance) > 10.0 * np.trace(estimates[0].covariance)
 
 

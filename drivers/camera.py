@@ -436,6 +436,22 @@ class RgbdCamera(ABC):
         raise CameraError(f"{self.name}: it has no LED")
 
     @property
+    def can_drive(self) -> bool:
+        """Whether the camera is on a simulated base that can be driven."""
+        return False
+
+    def set_velocity(self, forward_m_s: float, yaw_rad_s: float) -> None:
+        """Drive the base: forward and to the left are positive. Thread-safe; returns at once.
+
+        The base limits the velocities, and stops half a second after the last call.
+
+        Raises:
+            CameraError: It has no base.
+            InputError: A number is not finite.
+        """
+        raise CameraError(f"{self.name}: it is not on a base that can be driven")
+
+    @property
     def frame_count(self) -> int | None:
         """The number of frames of the source, if it is known: for progress."""
         return None

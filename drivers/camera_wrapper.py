@@ -55,6 +55,13 @@ class CameraWrapper(RgbdCamera):
         self._camera.set_led(led)
 
     @property
+    def can_drive(self) -> bool:
+        return self._camera.can_drive
+
+    def set_velocity(self, forward_m_s: float, yaw_rad_s: float) -> None:
+        self._camera.set_velocity(forward_m_s, yaw_rad_s)
+
+    @property
     def frame_count(self) -> int | None:
         return self._camera.frame_count
 

@@ -21,6 +21,11 @@ from vo_service.control import CommandQueue, Control, LoadShedder
 from vo_service.frame_source import FrameSource, LiveSource, make_publish_clock
 from vo_service.odom_frame import OdomFrame
 from vo_service.odometry.stage_timers import CpuStageTimer
+from vo_service.outputs.zenoh.base_subscription import (
+    BaseSubscription,
+    velocity_key,
+    wheel_keys,
+)
 from vo_service.outputs.zenoh.output import (
     LIVE_QOS,
     LOCKSTEP_QOS,
@@ -30,10 +35,9 @@ from vo_service.outputs.zenoh.output import (
 )
 from vo_service.outputs.zenoh.session_endpoints import (
     ExtraEndpoints,
-    SubscribeWheels,
-    subscribe_to_no_wheels,
+    Subscribe,
+    subscribe_to_nothing,
 )
-from vo_service.outputs.zenoh.wheel_subscription import WheelSubscription, wheel_keys
 from vo_service.service import OdometryMethod, Service, ServiceInput, ServiceStatistics
 from vo_service.signals import StopSignal
 from vo_service.terminal import set_log_level
@@ -55,6 +59,7 @@ from vo_service.types.outputs import (
     SensorMemory,
     no_ground_truth,
 )
+from vo_service.velocity_commands import VelocityCommands
 from vo_service.wheel_odometry.recorded_wheels import RecordedWheelOdometry, recorded_topics
 from vo_service.wheel_odometry.wheel_odometry import (
     NullWheelOdometry,
@@ -250,15 +255,29 @@ def make_wheel_odometry(config: Config, camera: RgbdCamera) -> WheelOdometrySour
     )
 
 
-def make_wheel_subscription(config: Config, wheel_odometry: WheelOdometrySource) -> SubscribeWheels:
+def make_wheel_subscription(config: Config, wheel_odometry: WheelOdometrySource) -> Subscribe:
     """Make what subscribes to the messages of the wheels."""
     if isinstance(wheel_odometry, NullWheelOdometry | RecordedWheelOdometry):
-        return subscribe_to_no_wheels
-    return WheelSubscription(_wheel_keys(config), wheel_odometry.add_message).declare
+        return subscribe_to_nothing
+    return BaseSubscription(_wheel_keys(config), wheel_odometry.add_message).declare
 
 
 def _wheel_keys(config: Config) -> tuple[str, ...]:
     return wheel_keys(config.zenoh.prefix, config.wheel_odometry, config.ros2)
+
+
+def make_velocity_commands(config: Config, camera: RgbdCamera) -> VelocityCommands:
+    """Make what drives the base of the camera."""
+    return VelocityCommands(camera, velocity_key(config.zenoh.prefix))
+
+
+def make_velocity_subscription(
+    config: Config, camera: RgbdCamera, velocities: VelocityCommands
+) -> Subscribe:
+    """Make what subscribes to velocities; to nothing if the camera cannot be driven."""
+    if not camera.can_drive:
+        return subscribe_to_nothing
+    return BaseSubscription((velocity_key(config.zenoh.prefix),), velocities.add_message).declare
 
 
 def open_sensor_memory(config: Config, camera: RgbdCamera) -> SensorMemory:

@@ -17,6 +17,7 @@ from drivers.ros_messages.navigation import (
     OCCUPANCY_GRID_SCHEMA,
     ODOMETRY_SCHEMA,
     TRANSFORM_SCHEMA,
+    TWIST_SCHEMA,
     OccupancyGridMessage,
     OdometryMessage,
     TransformMessage,
@@ -86,6 +87,11 @@ class CdrReader:
         sec, nanosec = self._unpack("<iI", 4)
         return sec + nanosec * 1e-9, self.string()
 
+    @property
+    def is_at_end(self) -> bool:
+        """Whether all bytes were read."""
+        return self._offset >= len(self._body)
+
     def _unpack(self, layout: str, alignment: int) -> tuple[Any, ...]:
         self._offset += -self._offset % alignment
         return struct.unpack(layout, self._take(struct.calcsize(layout)))
@@ -119,6 +125,7 @@ def reading(payload: BytesLike, schema: str) -> Iterator[CdrReader]:
 MAX_LENGTH_ERROR = 1e-2
 # position 3, quaternion 4, covariance 36, twist 6, covariance 36
 _ODOMETRY_NUMBERS = 85
+_TWIST_NUMBERS = 6
 # translation 3, quaternion 4
 _TRANSFORM_NUMBERS = 7
 
@@ -146,6 +153,22 @@ def decode_odometry(payload: BytesLike) -> OdometryMessage:
         twist=numbers[43:49],
         twist_covariance=numbers[49:85].reshape(6, 6),
     )
+
+
+def decode_twist(payload: BytesLike) -> Array:
+    """Decode a velocity (6,) of `encode_twist` or any ROS 2 node: linear m/s, angular rad/s.
+
+    Raises:
+        ValueError: The bytes are not such a message, or have more, as a TwistStamped; or a number
+            is not finite.
+    """
+    with reading(payload, TWIST_SCHEMA) as reader:
+        twist = reader.float64s(_TWIST_NUMBERS)
+        if not reader.is_at_end:
+            raise ValueError("it is longer")
+        if not np.all(np.isfinite(twist)):
+            raise ValueError("it has a number that is not finite")
+    return twist
 
 
 def decode_transform(payload: BytesLike) -> TransformMessage:

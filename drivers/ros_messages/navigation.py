@@ -11,6 +11,7 @@ from drivers.ros_messages.cdr import CdrWriter, StampSeconds
 
 ODOMETRY_SCHEMA = "nav_msgs/msg/Odometry"
 TRANSFORM_SCHEMA = "geometry_msgs/msg/TransformStamped"
+TWIST_SCHEMA = "geometry_msgs/msg/Twist"
 TRANSFORMS_SCHEMA = "tf2_msgs/msg/TFMessage"
 POSE_SCHEMA = "geometry_msgs/msg/PoseStamped"
 VECTOR_SCHEMA = "geometry_msgs/msg/Vector3Stamped"
@@ -70,6 +71,19 @@ def encode_odometry(message: OdometryMessage) -> bytes:
     writer.header(message.stamp_s, message.frame_id)
     writer.string(message.child_frame_id)
     writer.float64s(numbers)
+    return writer.to_bytes()
+
+
+def encode_twist(twist: Array) -> bytes:
+    """Encode a velocity (6,), m/s and rad/s, as CDR ``geometry_msgs/msg/Twist``.
+
+    Raises:
+        ValueError: A number is not finite.
+    """
+    if not np.all(np.isfinite(twist)):
+        raise ValueError("a velocity has a number that is not finite")
+    writer = CdrWriter()
+    writer.float64s(twist)
     return writer.to_bytes()
 
 

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from drivers.camera import (
-    AccelerometerReading,
     CameraCounters,
     CameraState,
     CameraStatus,
@@ -23,8 +22,9 @@ from drivers.core import CameraError, CameraLostError, CameraNotFoundError, Inpu
 from drivers.core.geometry import Trajectory
 from drivers.faulty_camera import FaultKind, FaultyCamera
 from drivers.pacing import HOST_CLOCK, HostClock, make_pacer
-from drivers.synthetic.accelerometer import SyntheticAccelerometer
-from drivers.synthetic.config import SyntheticConfig
+from drivers.synthetic.config import MotionKind, SyntheticConfig
+from drivers.synthetic.driven_camera import DrivenCamera
+from drivers.synthetic.frame_maker import FrameMaker
 from drivers.synthetic.frame_provider import FrameProvider
 from drivers.synthetic.motions import make_motion
 from drivers.synthetic.room import ROOM_HEIGHT_M
@@ -72,7 +72,7 @@ class SyntheticCamera(RgbdCamera):
             playback_mode, lambda seq: seq / config.rate_hz + latency_s, count, host
         )
         self._motion = make_motion(config, ROOM_HEIGHT_M)
-        self._accelerometer = SyntheticAccelerometer(config, self._motion)
+        self._frames = FrameMaker(config, self._motion)
         self._last_seq = count - 1
         rate_hz = config.rate_hz if self._is_live else 0.0
         self._frame_provider = FrameProvider(config, folder, rate_hz, threads)
@@ -178,20 +178,8 @@ class SyntheticCamera(RgbdCamera):
 
     def _make_frame(self, seq: int) -> RgbdFrame:
         images = self._frame_provider.read(seq)
-        stamp_s = self._stamp_s(seq)
-        return RgbdFrame(
-            seq=seq,
-            stamp_s=stamp_s,
-            receive_time_s=self._pacer.receive_time_s(seq),
-            color_bgr=images.color_bgr,
-            depth_raw=images.depth_raw,
-            depth_factor=self._config.depth_factor,
-            camera=self._config.camera,
-            skew_s=self._config.timing.skew_s,
-            gravity_m_s2=self._accelerometer.gravity_m_s2(seq),
-            accelerometer=(AccelerometerReading(stamp_s, self._accelerometer.reading_m_s2(seq)),),
-            readout_s=self._config.timing.readout_s,
-        )
+        receive_time_s = self._pacer.receive_time_s(seq)
+        return self._frames.make(seq, self._stamp_s(seq), receive_time_s, images)
 
     def _stamp_s(self, seq: int) -> float:
         """Stamp of a frame in whole microseconds."""
@@ -206,6 +194,18 @@ def make_synthetic_camera(
     threads: int = 0,
     host: HostClock = HOST_CLOCK,
 ) -> RgbdCamera:
-    """Make a virtual Kinect with all faults of its configuration; see `SyntheticCamera`."""
-    camera = SyntheticCamera(config, folder, playback_mode, threads, host)
+    """Make a virtual Kinect with all faults of its configuration; see `SyntheticCamera`.
+
+    On a base that is driven it is a `DrivenCamera`, which is live only. Raises InputError.
+    """
+    camera: RgbdCamera
+    if config.motion is not MotionKind.DRIVEN:
+        camera = SyntheticCamera(config, folder, playback_mode, threads, host)
+    elif playback_mode is PlaybackMode.REALTIME:
+        camera = DrivenCamera(config)
+    else:
+        raise InputError(
+            'synthetic camera: motion "driven" is for `kinect-vo run` at its own pace: '
+            "nobody drives a replay"
+        )
     return FaultyCamera(camera, config.faults, config.seed) if config.faults else camera

@@ -7,7 +7,7 @@ from typing import Annotated, Self
 
 from drivers.camera import PinholeCamera
 from drivers.core.config import Field, FieldError
-from drivers.faulty_camera import Fault
+from drivers.faulty_camera import Fault, FaultKind
 
 KINECT_COLOR = PinholeCamera(640, 480, 525.0, 525.0, 319.5, 239.5)
 NO_DISTORTION = (0.0, 0.0, 0.0, 0.0, 0.0)
@@ -26,6 +26,7 @@ class MotionKind(StrEnum):
     WALL_DRIVE = "wall-drive"  # the same from a robot that drives along the wall
     FAST_TURN = "fast-turn"  # a hand that turns away and back, each in half a second
     CREEP = "creep"  # straight on at a millimeter a second
+    DRIVEN = "driven"  # a base that is sent velocities
 
 
 @dataclass(frozen=True)
@@ -162,6 +163,12 @@ class SyntheticConfig:
     motion: Annotated[MotionKind, "how the camera moves when no track is given"] = (
         MotionKind.HAND_HELD
     )
+    camera_height_m: Annotated[
+        float, Field("driven: height of the camera, meters", minimum=0.1, maximum=2.0)
+    ] = 0.5
+    pitch_down_deg: Annotated[
+        float, Field("driven: angle of the view below the horizon", minimum=-45.0, maximum=45.0)
+    ] = 10.0
     track: Annotated[
         Path | None, "a trajectory in TUM format (optical camera in a z-up world) to follow"
     ] = None
@@ -181,6 +188,8 @@ class SyntheticConfig:
 
     def __post_init__(self) -> None:
         half_frame_s = 0.5 / self.rate_hz if self.rate_hz > 0 else 0.0
+        is_driven = self.motion is MotionKind.DRIVEN
+        unplugs = any(fault.kind is FaultKind.UNPLUGGED for fault in self.faults)
         checks = (
             (self.seed >= 0, "seed", "must be at least 0"),
             (self.rate_hz > 0, "rate_hz", "must be above 0"),
@@ -189,6 +198,8 @@ class SyntheticConfig:
             (self.camera.height >= 32, "camera.height", "must be at least 32"),
             (1 <= self.depth_factor <= 10000, "depth_factor", "must lie in 1 .. 10000"),
             (not (self.bare_wall and self.twin_corners), "twin_corners", "needs all four walls"),
+            (not (is_driven and self.track), "track", "cannot be followed by a driven base"),
+            (not (is_driven and unplugs), "faults", "cannot unplug the camera of a driven base"),
             (self.texel_m >= 0.001, "texel_m", "must be at least 0.001"),
             (len(self.color.distortion) == 5, "color.distortion", "needs five: k1 k2 p1 p2 k3"),
             (0 <= self.timing.readout_s <= 2 * half_frame_s, "timing.readout_s", "exceeds a frame"),

@@ -24,6 +24,7 @@ from drivers.synthetic.camera_motion import (
     smootherstep,
 )
 from drivers.synthetic.config import MotionKind, SyntheticConfig
+from drivers.synthetic.driven_motion import DrivenMotion
 from drivers.synthetic.human_motion import (
     ROOM_SWEEP,
     FloorMotion,
@@ -206,6 +207,8 @@ def make_motion(config: SyntheticConfig, room_height_m: float) -> CameraMotion:
     if config.track is not None:
         return RecordedMotion.read(config.track, config, room_height_m)
     rng, duration_s = np.random.default_rng([config.seed, 1]), config.duration_s
+    if config.motion is MotionKind.DRIVEN:
+        return DrivenMotion(config)
     if config.motion is MotionKind.CREEP:
         return CreepMotion(rng, duration_s if config.loop else np.inf)
     return MOTIONS[config.motion](rng, duration_s)

@@ -20,6 +20,8 @@ from vo_service.app import (
     OutputsConfig,
     ServiceDependencies,
     build_live_service,
+    make_velocity_commands,
+    make_velocity_subscription,
     make_wheel_odometry,
     make_wheel_subscription,
     open_frames,
@@ -53,7 +55,6 @@ from vo_service.outputs.state_log import StateLogOutput
 from vo_service.outputs.systemd import SystemdOutput
 from vo_service.outputs.zenoh.output import ConnectWithRetry
 from vo_service.outputs.zenoh.session_endpoints import (
-    CommandEndpoint,
     ExtraEndpoints,
     make_command_endpoint,
 )
@@ -161,8 +162,14 @@ def _serve(
     command_queue = CommandQueue()
     commands = make_command_endpoint(config.commands, command_queue)
     wheel_odometry = make_wheel_odometry(config, camera)
+    velocities = make_velocity_commands(config, camera)
+    subscriptions = (
+        make_wheel_subscription(config, wheel_odometry),
+        make_velocity_subscription(config, camera, velocities),
+    )
+    endpoints = ExtraEndpoints(commands, config.ros2, subscriptions)
     reloader = ConfigReloader(config, request.load)
-    outputs_config = _make_outputs_config(request, config, commands, wheel_odometry, terminal)
+    outputs_config = _make_outputs_config(request, config, endpoints, wheel_odometry, terminal)
     with (
         open_outputs(outputs_config) as opened,
         closing(open_sensor_memory(config, camera)) as sensor_memory,
@@ -178,7 +185,7 @@ def _serve(
             sensor_memory=sensor_memory,
             wheel_odometry=wheel_odometry,
             viewers=opened.viewers,
-            warning_sources=[reloader],
+            warning_sources=[reloader, velocities],
             on_command_config=commands.configure,
         )
         live = build_live_service(config, camera, dependencies)
@@ -198,7 +205,7 @@ def _serve(
 def _make_outputs_config(
     request: RunServiceRequest,
     config: Config,
-    commands: CommandEndpoint,
+    endpoints: ExtraEndpoints,
     wheel_odometry: WheelOdometrySource,
     terminal: Terminal,
 ) -> OutputsConfig:
@@ -208,9 +215,7 @@ def _make_outputs_config(
         frames=partial(open_frames, config),
         scanner=partial(open_scanner, config),
         connect_policy=ConnectWithRetry,
-        extra_endpoints=ExtraEndpoints(
-            commands, config.ros2, make_wheel_subscription(config, wheel_odometry)
-        ),
+        extra_endpoints=endpoints,
         recorder=partial(open_recorder, config, wheel_odometry.open_journal().take),
         mapper=partial(open_mapper, config),
         rerun=config.rerun,

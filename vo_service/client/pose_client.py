@@ -6,11 +6,17 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
 import zenoh
 
 from drivers.core import InputError
 from drivers.ros_messages.decoding import decode_occupancy_grid
-from drivers.ros_messages.navigation import ODOMETRY_SCHEMA, OccupancyGridMessage
+from drivers.ros_messages.navigation import (
+    ODOMETRY_SCHEMA,
+    TWIST_SCHEMA,
+    OccupancyGridMessage,
+    encode_twist,
+)
 from vo_service.client.connection import (
     ServiceUnavailable,
     check_command_name,
@@ -51,6 +57,7 @@ REPLY_TIMEOUT_S = 6.0
 # Of the wheels' poses: any frame, and the robot's base.
 WHEEL_FRAME_IDS = ("wheel_odom", "base_link")
 ODOMETRY_CDR = zenoh.Encoding.APPLICATION_CDR.with_schema(ODOMETRY_SCHEMA)
+TWIST_CDR = zenoh.Encoding.APPLICATION_CDR.with_schema(TWIST_SCHEMA)
 # Wait this long for the service's liveliness token; then send the query anyway.
 LIVELINESS_TIMEOUT_S = 1.0
 
@@ -269,8 +276,32 @@ class PoseClient(ServiceClient):
             payload = encode_wheel_reading(reading)
         except ValueError as error:
             raise InputError(f"the odometry of the wheels cannot be sent: {error}") from error
+        self._put("wheel_odom", payload, ODOMETRY_CDR)
+
+    def send_velocity(self, forward_m_s: float, yaw_rad_s: float) -> None:
+        """Drive the simulated base of a service whose virtual Kinect has the motion `driven`.
+
+        Send it at least four times a second: the base stops half a second after the last one. Does
+        not block; while the service is not reachable, the velocity is lost.
+
+        Args:
+            forward_m_s: Velocity forward, at most 1 m/s.
+            yaw_rad_s: Velocity to the left, at most 2 rad/s.
+
+        Raises:
+            InputError: A number is not finite.
+            ServiceUnavailable: The client is closed.
+        """
+        self._check_open()
+        try:
+            payload = encode_twist(np.array([forward_m_s, 0.0, 0.0, 0.0, 0.0, yaw_rad_s]))
+        except ValueError as error:
+            raise InputError(f"the velocity cannot be sent: {error}") from error
+        self._put("cmd_vel", payload, TWIST_CDR)
+
+    def _put(self, name: str, payload: bytes, encoding: zenoh.Encoding) -> None:
         for session in self._connection.sessions:
-            session.put(f"{self._prefix}/wheel_odom", payload, encoding=ODOMETRY_CDR, express=True)
+            session.put(f"{self._prefix}/{name}", payload, encoding=encoding, express=True)
 
     def _query(
         self,

@@ -12,13 +12,14 @@ from rosbags.typesys import Stores, get_typestore
 
 from drivers.core.geometry import rigid_transform, so3_exp
 from drivers.ros_messages.cdr import split_stamp
-from drivers.ros_messages.decoding import decode_odometry, decode_transform
+from drivers.ros_messages.decoding import decode_odometry, decode_transform, decode_twist
 from drivers.ros_messages.navigation import (
     OdometryMessage,
     TransformMessage,
     encode_odometry,
     encode_transform,
     encode_transforms,
+    encode_twist,
 )
 
 ROS = get_typestore(Stores.ROS2_JAZZY)
@@ -174,6 +175,17 @@ def test_decoding_gives_back_what_was_encoded(message: OdometryMessage) -> None:
     np.testing.assert_array_equal(decoded.pose_covariance, message.pose_covariance)
     np.testing.assert_array_equal(decoded.twist, message.twist)
     np.testing.assert_array_equal(decoded.twist_covariance, message.twist_covariance)
+
+
+def test_a_twist_has_the_bytes_of_rosbags_and_is_decoded() -> None:
+    t, twist = ROS.types, np.array([0.3, -0.1, 0.0, 0.0, 1e-3, -0.5])
+    message = t["geometry_msgs/msg/Twist"](
+        linear=t["geometry_msgs/msg/Vector3"](*twist[:3]),
+        angular=t["geometry_msgs/msg/Vector3"](*twist[3:]),
+    )
+    encoded = encode_twist(twist)
+    assert encoded == bytes(ROS.serialize_cdr(message, "geometry_msgs/msg/Twist"))
+    np.testing.assert_array_equal(decode_twist(encoded), twist)
 
 
 def test_a_default_message_has_724_bytes() -> None:

@@ -40,6 +40,10 @@ def track_poses(times_s: Array) -> Array:
     return np.array(poses)
 
 
+# A base that nobody drives stands still.
+AT_REST = (MotionKind.STILL, MotionKind.DRIVEN)
+
+
 @pytest.fixture
 def track(tmp_path: Path) -> Path:
     file, times_s = tmp_path / "track.txt", np.arange(0.0, 12.0, 0.01)
@@ -57,9 +61,7 @@ def test_built_in_motions_are_rigid_and_end_where_they_began(motion: MotionKind)
     np.testing.assert_allclose(poses[0], poses[-1], atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    "motion", [motion for motion in MotionKind if motion is not MotionKind.STILL]
-)
+@pytest.mark.parametrize("motion", [motion for motion in MotionKind if motion not in AT_REST])
 def test_motion_is_continuous_to_the_acceleration(motion: MotionKind) -> None:
     position_m = make_motion(replace(CONFIG, motion=motion), 2.7).poses(TIMES)[:, :3, 3]
     acceleration = np.diff(position_m, n=2, axis=0) / 0.005**2
@@ -79,9 +81,7 @@ def test_a_hand_trembles_about_the_smooth_path_and_still_is_still() -> None:
     np.testing.assert_array_equal(still[0], still[-1])
 
 
-@pytest.mark.parametrize(
-    "motion", [motion for motion in MotionKind if motion is not MotionKind.STILL]
-)
+@pytest.mark.parametrize("motion", [motion for motion in MotionKind if motion not in AT_REST])
 def test_another_seed_gives_another_motion(motion: MotionKind) -> None:
     config = replace(CONFIG, motion=motion)
     a, b = (make_motion(replace(config, seed=seed), 2.7).poses(TIMES[:5]) for seed in (1, 2))

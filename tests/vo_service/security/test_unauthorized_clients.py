@@ -122,8 +122,9 @@ def test_other_clients_cannot_publish_poses(network: TlsNetwork, robot: TlsRobot
     assert is_contiguous(received)
 
 
-def test_only_programs_on_the_robot_send_the_odometry_of_its_wheels(
-    network: TlsNetwork, robot: TlsRobot
+@pytest.mark.parametrize("key", ["kinect/wheel_odom", "kinect/cmd_vel"])
+def test_only_programs_on_the_robot_drive_it_and_send_the_odometry_of_its_wheels(
+    network: TlsNetwork, robot: TlsRobot, key: str
 ) -> None:
     here = ZenohConfig(listen=(), connect=(f"tcp/{HOST}:{network.local_port}",))
     with (
@@ -133,12 +134,12 @@ def test_only_programs_on_the_robot_send_the_odometry_of_its_wheels(
     ):
 
         def has_received() -> bool:
-            operator.put("kinect/wheel_odom", b"forged")
-            local.put("kinect/wheel_odom", b"wheels")
-            return len(robot.wheel_messages) > 30
+            operator.put(key, b"forged")
+            local.put(key, b"ours")
+            return len(robot.base_messages) > 30
 
         wait_until(has_received)
-    assert set(robot.wheel_messages) == {b"wheels"}
+    assert set(robot.base_messages) == {b"ours"}
 
 
 def _has_more_than(received: list[int], count: int) -> bool:

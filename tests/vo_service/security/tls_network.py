@@ -15,10 +15,10 @@ from tests.ports import free_port
 from tests.vo_service.sample_map import make_map
 from vo_service.config_tables import CommandConfig, ZenohConfig
 from vo_service.control import CommandQueue
+from vo_service.outputs.zenoh.base_subscription import BaseSubscription, velocity_key, wheel_key
 from vo_service.outputs.zenoh.output import ZenohOutput
 from vo_service.outputs.zenoh.session import open_session
 from vo_service.outputs.zenoh.session_endpoints import ExtraEndpoints, make_command_endpoint
-from vo_service.outputs.zenoh.wheel_subscription import WheelSubscription, wheel_key
 from vo_service.tools.certificates import CertificateAuthority
 from vo_service.types.commands import Command, PausedReply
 from vo_service.types.odometry_update import OdometryUpdate
@@ -96,13 +96,14 @@ class TlsRobot:
     def __init__(self, file: Path, make_update: Callable[..., OdometryUpdate]) -> None:
         self.stop = threading.Event()
         self.executed: list[Command] = []
-        self.wheel_messages: list[bytes] = []
+        self.base_messages: list[bytes] = []
         self._make_update = make_update
         self._command_queue = CommandQueue()
         commands = make_command_endpoint(CommandConfig(), self._command_queue)
         config = ZenohConfig(config_file=file)
-        wheels = WheelSubscription((wheel_key(config.prefix),), self.wheel_messages.append)
-        endpoints = ExtraEndpoints(commands, subscribe_wheels=wheels.declare)
+        keys = wheel_key(config.prefix), velocity_key(config.prefix)
+        base = BaseSubscription(keys, self.base_messages.append)
+        endpoints = ExtraEndpoints(commands, subscriptions=(base.declare,))
         self._output = ZenohOutput(config, extra_endpoints=endpoints)
 
     def put(self, key: str, payload: bytes) -> None:

@@ -7,7 +7,7 @@ import json
 import logging
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
@@ -310,11 +310,11 @@ def _read_payload(query: zenoh.Query) -> bytes:
     return payload.to_bytes()
 
 
-# Subscribes to the messages of the wheels on a new session; returns the threads.
-SubscribeWheels = Callable[[zenoh.Session], list[threading.Thread]]
+# Subscribes to messages of the robot's base on a new session; returns the threads.
+Subscribe = Callable[[zenoh.Session], list[threading.Thread]]
 
 
-def subscribe_to_no_wheels(session: zenoh.Session) -> list[threading.Thread]:
+def subscribe_to_nothing(session: zenoh.Session) -> list[threading.Thread]:
     """Subscribe to nothing."""
     return []
 
@@ -329,14 +329,14 @@ class ExtraEndpoints:
     Attributes:
         commands: Receives commands.
         ros2: Topics for ROS 2.
-        subscribe_wheels: Subscribes to the wheels on each new session; returns its threads.
+        subscriptions: Called with each new session; each subscribes and returns its threads.
         on_session: Called with each new session, to declare more on it.
         on_pose: Called with each update once its pose is sent, on the thread that sends poses.
     """
 
     commands: CommandEndpoint = field(default_factory=NullCommandEndpoint)
     ros2: Ros2Config = Ros2Config()  # noqa: RUF009 (frozen)
-    subscribe_wheels: SubscribeWheels = subscribe_to_no_wheels
+    subscriptions: Sequence[Subscribe] = ()
     on_session: Callable[[zenoh.Session], None] = lambda _: None
     on_pose: Callable[[OdometryUpdate], None] = lambda _: None
 
@@ -388,7 +388,8 @@ class SessionEndpoints:
             self.publish_grid(config.queryables.latest.grid)
         self._threads = config.queryables.declare(session)
         self._threads += config.extra.commands.declare(session, prefix)
-        self._threads += config.extra.subscribe_wheels(session)
+        for subscribe in config.extra.subscriptions:
+            self._threads += subscribe(session)
         config.extra.on_session(session)
         self._alive = session.liveliness().declare_token(f"{prefix}/alive")
 

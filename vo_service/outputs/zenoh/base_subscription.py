@@ -1,4 +1,4 @@
-"""The subscription to the odometry of a robot's wheels, on the session of poses and commands."""
+"""Subscriptions to messages of a robot's base, on the session of poses and commands."""
 
 import threading
 import time
@@ -18,7 +18,7 @@ MAX_MESSAGE_BYTES = 65_536
 
 
 @dataclass(frozen=True)
-class WheelSubscription:
+class BaseSubscription:
     """Hands the messages of some keys over, each key on a thread that ends with the session.
 
     Attributes:
@@ -58,6 +58,11 @@ class WheelSubscription:
 def wheel_key(prefix: str) -> str:
     """Return the key of a service's wheels."""
     return f"{prefix}/wheel_odom"
+
+
+def velocity_key(prefix: str) -> str:
+    """Return the key of the velocities of a simulated base."""
+    return f"{prefix}/cmd_vel"
 
 
 def wheel_keys(prefix: str, config: WheelOdometryConfig, ros2: Ros2Config) -> tuple[str, ...]:

@@ -10,14 +10,14 @@ import zenoh
 from tests.vo_service.outputs.zenoh.query_helpers import config, connected_session
 from tests.waiting import wait_until
 from vo_service.config_tables import Ros2Config, WheelOdometryConfig
+from vo_service.outputs.zenoh.base_subscription import (
+    MAX_MESSAGE_BYTES,
+    BaseSubscription,
+    wheel_keys,
+)
 from vo_service.outputs.zenoh.output import LIVE_QOS, ZenohOutput
 from vo_service.outputs.zenoh.ros2 import ODOMETRY, RosTopic
 from vo_service.outputs.zenoh.session_endpoints import ExtraEndpoints
-from vo_service.outputs.zenoh.wheel_subscription import (
-    MAX_MESSAGE_BYTES,
-    WheelSubscription,
-    wheel_keys,
-)
 from vo_service.types.odometry_update import OdometryUpdate
 
 pytestmark = pytest.mark.zenoh
@@ -30,8 +30,8 @@ def output_with_wheels(
     port: int, on_message: Callable[[bytes], None], keys: tuple[str, ...] = (KEY,)
 ) -> Iterator[tuple[ZenohOutput, zenoh.Session]]:
     """Run an output that subscribes to wheels; yield it and a session that sends."""
-    wheels = WheelSubscription(keys, on_message)
-    extras = ExtraEndpoints(subscribe_wheels=wheels.declare)
+    wheels = BaseSubscription(keys, on_message)
+    extras = ExtraEndpoints(subscriptions=(wheels.declare,))
     with (
         closing(ZenohOutput(config(port), LIVE_QOS, extra_endpoints=extras)) as output,
         connected_session(port) as session,

@@ -66,7 +66,7 @@ class DrivenCamera(RgbdCamera):
         self._pacer = RealtimePacer(lambda seq: seq / config.rate_hz + latency_s, sys.maxsize)
         self._renderer: Renderer | None = None
         self._thread: threading.Thread | None = None
-        self._stop = threading.Event()
+        self._opened, self._stop = threading.Event(), threading.Event()
         self._queue: DropOldestQueue[_DrivenFrame] = DropOldestQueue(1)
         self._is_open = False
         self._next_seq = 0
@@ -76,15 +76,18 @@ class DrivenCamera(RgbdCamera):
     def prepare(self) -> None:
         """Start painting the room."""
         if self._thread is None:
-            self._stop, self._queue = threading.Event(), DropOldestQueue(1)
+            self._opened, self._stop = threading.Event(), threading.Event()
+            self._queue = DropOldestQueue(1)
+            shared = self._queue, self._opened, self._stop
             self._thread = threading.Thread(
-                target=self._render, args=(self._queue, self._stop), name="renderer", daemon=True
+                target=self._render, args=shared, name="renderer", daemon=True
             )
             self._thread.start()
 
     def open(self) -> None:
         """See `RgbdCamera`. Until the room is painted, `status` is OPENING."""
         self.prepare()
+        self._opened.set()
         self._is_open = True
 
     def read(self, timeout_s: float) -> RgbdFrame:
@@ -105,6 +108,7 @@ class DrivenCamera(RgbdCamera):
         thread, self._thread = self._thread, None
         if thread is not None:
             self._stop.set()
+            self._opened.set()
             thread.join(MAX_CLOSE_S)
 
     @property
@@ -137,11 +141,17 @@ class DrivenCamera(RgbdCamera):
         stamps_s, poses = zip(*truth, strict=True)
         return Trajectory(np.array(stamps_s), np.array(poses))
 
-    def _render(self, queue: DropOldestQueue[_DrivenFrame], stop: threading.Event) -> None:
+    def _render(
+        self,
+        queue: DropOldestQueue[_DrivenFrame],
+        opened: threading.Event,
+        stop: threading.Event,
+    ) -> None:
         """Paint the room once, then render until the camera is closed, in a thread."""
         try:
             if self._renderer is None:
                 self._renderer = self._make_renderer()
+            opened.wait()  # its clock begins then
             self._render_frames(self._renderer, queue, stop)
         except Exception as error:  # the reader raises it
             queue.abort(CameraLostError(f"synthetic camera: {error}"))

@@ -155,3 +155,11 @@ def test_other_faults_are_injected() -> None:
         assert camera.can_drive
         camera.set_velocity(0.0, 0.0)
         assert not camera.read(100.0).color_bgr.any()
+
+
+def test_no_frame_is_late_before_the_camera_is_opened() -> None:
+    camera = open_driven()
+    camera.prepare()
+    time.sleep(1.0)
+    with camera:
+        assert camera.read(100.0).seq < 10

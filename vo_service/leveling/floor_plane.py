@@ -68,6 +68,8 @@ class FloorDetector:
             up: (3,) supposed up direction in camera axes.
             max_tilt_rad: Largest angle of the floor's normal from it.
         """
+        if frame.depth_raw.shape != (self.camera.height, self.camera.width):
+            return None
         half = PIXEL_STRIDE // 2
         depth_m = frame.depth_raw[half::PIXEL_STRIDE, half::PIXEL_STRIDE].ravel() / (
             frame.depth_factor

@@ -94,7 +94,7 @@ def test_only_the_frames_of_a_recording_are_checked(
     diagnosis = json.loads(outcome.out)
     assert (outcome.code, diagnosis["verdict"]) == (0, "pass")
     assert [check["name"] for check in diagnosis["checks"]] == [
-        "first-frames", "plausible", "frame-rate", "lost-packets", "skew", "gravity",
+        "first-frames", "plausible", "frame-rate", "lost-packets", "skew", "gravity", "floor",
     ]  # fmt: skip
 
 

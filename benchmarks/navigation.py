@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.harness import Table, measure_cpu_ms
+from benchmarks.harness import Table, measure_cpu_ms, option
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import T_BODY_CAMERA, Array, rigid_transform, so3_exp
 from drivers.synthetic.camera_motion import CameraMotion
@@ -148,10 +148,10 @@ def true_ranges(points: Array, angles: ScanAngles, min_m: Array, top_m: float) -
     return nearest
 
 
-def add_scan_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    parser.add_argument("--views", type=int, default=24, help="of each mounting")
-    parser.add_argument("--seed", type=int, default=11, help="of the room")
+SCAN_OPTIONS = (
+    option("--views", type=int, default=24, help="of each mounting"),
+    option("--seed", type=int, default=11, help="of the room"),
+)
 
 
 def scan(args: argparse.Namespace) -> None:
@@ -222,11 +222,11 @@ TRUE_CELL_PIXELS = 8
 REPEATED_KEYFRAMES = 1000
 
 
-def add_grid_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    parser.add_argument("--keyframes", type=int, default=72, help="of each drive")
-    parser.add_argument("--seed", type=int, default=11, help="of the room")
-    parser.add_argument("--drift-mm", type=float, default=0.0, help="of each keyframe's pose")
+GRID_OPTIONS = (
+    option("--keyframes", type=int, default=72, help="of each drive"),
+    option("--seed", type=int, default=11, help="of the room"),
+    option("--drift-mm", type=float, default=0.0, help="of each keyframe's pose"),
+)
 
 
 def grid(args: argparse.Namespace) -> None:
@@ -349,4 +349,4 @@ def _grow(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return cv2.dilate(cells.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(np.bool_)
 
 
-VARIANTS = {"scan": (add_scan_arguments, scan), "grid": (add_grid_arguments, grid)}
+VARIANTS = {"scan": (SCAN_OPTIONS, scan), "grid": (GRID_OPTIONS, grid)}

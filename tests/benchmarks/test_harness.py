@@ -6,6 +6,7 @@ from types import ModuleType
 
 import pytest
 
+from benchmarks.__main__ import find_benchmarks, main
 from benchmarks.harness import ResultCache, Table, measure_cpu_ms, option, run_benchmark
 from drivers.core import InputError
 
@@ -47,3 +48,11 @@ def test_the_named_variant_runs_with_its_options() -> None:
     assert run_benchmark("example", module, ["one", "--count", "3"]) == 3
     with pytest.raises(SystemExit):
         run_benchmark("example", module, ["two"])
+
+
+@pytest.mark.parametrize("name", find_benchmarks())
+def test_every_benchmark_explains_itself(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main([name, "--help"])
+    assert caught.value.code == 0
+    assert f"python -m benchmarks {name}" in capsys.readouterr().out

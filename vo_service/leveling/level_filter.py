@@ -122,7 +122,7 @@ class LevelFilter:
         bias_m_s2 = self.bias_m_s2 if self.has_bias and not is_floor_recent else 0.0
         force_m_s2 = reading_m_s2 - bias_m_s2
         length_m_s2 = hypot(*force_m_s2)
-        if abs(length_m_s2 / STANDARD_GRAVITY_M_S2 - 1.0) > MAX_ACCELERATION:
+        if not abs(length_m_s2 / STANDARD_GRAVITY_M_S2 - 1.0) <= MAX_ACCELERATION:  # or NaN
             return
         if not is_floor_recent:
             self._measure(LevelSource.ACCELEROMETER, R_odom_camera @ force_m_s2 / length_m_s2, 0.0)

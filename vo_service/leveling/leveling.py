@@ -1,13 +1,13 @@
 """Keeps `odom` level: by the floor in view, the mount of a planar base, or the accelerometer."""
 
 from collections import deque
-from math import acos, cos, hypot, radians
+from math import atan2, cos, hypot, radians
 from typing import NamedTuple
 
 import numpy as np
 
 from drivers.camera import NewReadings, RgbdFrame
-from drivers.core.geometry import Array, rigid_transform, so3_exp
+from drivers.core.geometry import Array, is_gravity, rigid_transform, so3_exp
 from vo_service.leveling.floor_plane import FloorDetector, FloorPlane
 from vo_service.leveling.level_filter import LevelFilter
 from vo_service.types.level import Level, LevelSource
@@ -144,7 +144,7 @@ class Leveling:
             if floor is not None:
                 self._add_floor(floor, T_odom_camera, frame.stamp_s)
         base_up = self._T_base_camera[:3, :3] @ R_odom_camera[2]
-        self._tilt_rad = acos(min(float(base_up[2]), 1.0))
+        self._tilt_rad = atan2(hypot(base_up[0], base_up[1]), base_up[2])
 
     @property
     def mount_z_m(self) -> float:
@@ -159,7 +159,7 @@ class Leveling:
         """Up direction (3,) in camera axes before the floor is looked for, and its source."""
         if self._is_planar:
             return self.mount_up, LevelSource.MOUNT
-        if frame.gravity_m_s2 is None:
+        if frame.gravity_m_s2 is None or not is_gravity(frame.gravity_m_s2):
             return self.mount_up, LevelSource.ASSUMED
         gravity_m_s2 = np.array(frame.gravity_m_s2)
         return -gravity_m_s2 / hypot(*gravity_m_s2), LevelSource.ACCELEROMETER
@@ -204,7 +204,7 @@ class Leveling:
         self.mount_up = up / hypot(*up)
         self.mount_height_m += MOUNT_SHARE * (found.height_m - self.mount_height_m)
         told_up, told_height_m = self._T_base_camera[2, :3], self._T_base_camera[2, 3]
-        angle_rad = acos(min(float(told_up @ self.mount_up), 1.0))
+        angle_rad = atan2(hypot(*np.cross(told_up, self.mount_up)), told_up @ self.mount_up)
         if (
             abs(self.mount_height_m - told_height_m) <= MAX_MOUNT_ERROR_M
             and angle_rad <= MAX_MOUNT_ERROR_RAD

@@ -3,6 +3,7 @@
 from math import degrees, hypot, radians
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -71,10 +72,11 @@ def test_the_bias_is_learned_with_the_floor_and_then_removed() -> None:
     np.testing.assert_allclose(level_filter.step(100.0).turn_rad, 0.0, atol=1e-8)
 
 
-def test_a_reading_with_a_motion_in_it_is_left_out() -> None:
+@pytest.mark.parametrize("motion_m_s2", [4.0, np.nan, np.inf])
+def test_a_reading_with_a_motion_in_it_is_left_out(motion_m_s2: float) -> None:
     level_filter = LevelFilter()
     level_filter.start(LevelSource.ACCELEROMETER)
-    level_filter.add_reading(np.eye(3), UP + np.array([4.0, 0.0, 0.0]), 0.0)
+    level_filter.add_reading(np.eye(3), UP + np.array([motion_m_s2, 0.0, 0.0]), 0.0)
     level_filter.step(0.0)
     np.testing.assert_array_equal(level_filter.step(0.03).turn_rad, 0.0)
 

@@ -1,5 +1,6 @@
 """How `odom` is kept level, from frames to corrections."""
 
+from dataclasses import replace
 from math import degrees, radians
 
 import numpy as np
@@ -49,6 +50,22 @@ def test_without_mount_and_accelerometer_the_first_pose_counts_as_level() -> Non
     leveling = Leveling(mount(0.0))
     start(leveling, make_view(floor_depth(UP, 0.6)))
     assert leveling.level.source is LevelSource.ASSUMED
+
+
+@pytest.mark.parametrize("gravity_m_s2", [(0.0, 0.0, 0.0), (float("nan"), 9.8, 0.0)])
+def test_what_cannot_be_gravity_levels_nothing(gravity_m_s2: tuple[float, float, float]) -> None:
+    leveling = Leveling(mount(0.0))
+    up = leveling.start(replace(make_view(NO_DEPTH), gravity_m_s2=gravity_m_s2))
+    np.testing.assert_array_equal(up, mount(0.0)[2, :3])
+    assert leveling.level.source is LevelSource.ASSUMED
+
+
+@pytest.mark.parametrize("pitch_rad", [0.0, 1.2, np.pi])
+def test_the_tilt_of_the_base_is_reported_at_any_attitude(pitch_rad: float) -> None:
+    leveling = Leveling(MOUNT)
+    R = (1.0 + 1e-12) * so3_exp([0.0, pitch_rad, 0.0])  # rounding errors of a long chain
+    leveling.add_frame(make_view(NO_DEPTH), rigid_transform(R, np.zeros(3)) @ MOUNT)
+    assert leveling.level.tilt_rad == pytest.approx(pitch_rad, abs=1e-6)
 
 
 def test_drift_of_tilt_and_height_is_corrected_about_the_base() -> None:

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.camera import PosePrior, RgbdFrame
-from drivers.core.geometry import Array, inverse, so3_exp
+from drivers.core.geometry import Array, inverse, rigid_transform, so3_exp
 from tests.vo_service.odometry.direct.rolling_shutter_views import (
     BRISK,
     WALL,
@@ -16,8 +16,11 @@ from tests.vo_service.odometry.direct.rolling_shutter_views import (
     render_view,
 )
 from tests.vo_service.odometry.hand_held_sequence import assert_close, estimate_all
+from vo_service.odometry.direct.alignment import STATIC_PRIOR, align, uniform_weights
 from vo_service.odometry.direct.gauss_newton import MotionPrior, add_pose_prior
-from vo_service.odometry.direct.motion import compose, se3_exp
+from vo_service.odometry.direct.image_pyramid import ALL_STATIC, build_image_pyramid
+from vo_service.odometry.direct.keyframe import make_keyframe
+from vo_service.odometry.direct.motion import compose, se3_exp, zero_motion
 from vo_service.odometry.direct.motion_state import NO_DRIFT
 from vo_service.odometry.direct.odometry import DirectOdometry
 
@@ -59,6 +62,16 @@ def test_the_prior_alone_leads_to_the_predicted_pose(predicted: Array, start: Ar
         step = np.asarray(-np.linalg.solve(H, g)[:6], np.float64)
         T = compose(T, se3_exp(step))
     np.testing.assert_allclose(T, T_predicted, atol=1e-5)
+
+
+def test_the_alignment_goes_to_the_prediction_where_a_bare_wall_tells_nothing() -> None:
+    bare = add_noise(render_view(planes=(WALL,), paint=0.0), 1)
+    images = build_image_pyramid(bare)
+    keyframe = make_keyframe(bare, images, np.eye(4), zero_motion(), ALL_STATIC)
+    predicted = rigid_transform(np.eye(3), (0.02, -0.01, 0.0))  # along the wall
+    prior = STATIC_PRIOR._replace(T_camera_keyframe=predicted, pose_information=1e3 * WHEELS)
+    found = align(keyframe.points, images, np.eye(4), prior, 1.0, uniform_weights())
+    np.testing.assert_allclose(found.T_camera_keyframe[:2, 3], predicted[:2, 3], atol=1e-3)
 
 
 def test_without_a_prediction_nothing_is_added() -> None:

@@ -2,17 +2,13 @@
 
 import logging
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
 
 import zenoh
 import zenoh.shm
 
-from vo_service.types.odometry_update import OdometryUpdate
-
-if TYPE_CHECKING:  # loaded only if it is enabled
-    pass
 from vo_service.outputs.frames.shared_payloads import SharedPayloads
 from vo_service.outputs.frames.topics import FrameTopic
+from vo_service.types.odometry_update import OdometryUpdate
 
 logger = logging.getLogger(__name__)
 

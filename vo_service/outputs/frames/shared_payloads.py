@@ -1,14 +1,9 @@
 """Payloads in shared memory."""
 
 import logging
-from typing import TYPE_CHECKING
 
 import zenoh
 import zenoh.shm
-
-if TYPE_CHECKING:  # loaded only if it is enabled
-    pass
-
 
 logger = logging.getLogger(__name__)
 

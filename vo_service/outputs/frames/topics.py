@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from drivers.camera import NewReadings
 from drivers.ros_messages.sensors import (
@@ -21,12 +20,9 @@ from drivers.ros_messages.sensors import (
 )
 from vo_service.config_tables import FramesConfig
 from vo_service.navigation.robot_scan import RobotScanner
+from vo_service.outputs.frames.frame_messages import FrameMessages
 from vo_service.types.messages import timing_payload
 from vo_service.types.odometry_update import OdometryUpdate
-
-if TYPE_CHECKING:  # loaded only if it is enabled
-    pass
-from vo_service.outputs.frames.frame_messages import FrameMessages
 
 # Makes the payloads of an update, usually one.
 Encoder = Callable[[OdometryUpdate], Sequence[bytes]]

@@ -9,10 +9,10 @@ set -eu
 cd "$(dirname "$0")/.."
 . scripts/steps.sh
 
-# A compiler for the Kinect simulator; udev's and systemd's tools to check the rules and the units;
-# ROS 1's rosbag to read our bags.
+# A compiler for the Kinect simulator and, with Python's headers, for a package of ROS 2; udev's and systemd's tools
+# to check the rules and the units; ROS 1's rosbag to read our bags.
 # No service is started.
-scripts/setup.sh gcc libc6-dev udev systemd python3-rosbag
+scripts/setup.sh gcc libc6-dev g++ libpython3-dev udev systemd python3-rosbag
 export PATH="$PWD/.venv/bin:$PATH"
 # Tests start hundreds of processes: without cached bytecode each takes twice as long.
 unset PYTHONDONTWRITEBYTECODE
@@ -36,7 +36,7 @@ for method in METHODS:
 }
 # It prints a page also where all is well.
 check_imports() {
-    found=$(lint-imports --no-cache 2>&1) || {
+    found=$(PYTHONPATH=ros2 lint-imports --no-cache 2>&1) || {
         say "$found"
         return 1
     }
@@ -60,6 +60,7 @@ case ${1:-} in
 "")
     say "Compiling the other numeric kernels and the tests in the background"
     compile_all &
+    scripts/setup_ros2.sh
     check_code
     step "Checking that the lock file is up to date" .tools/bin/uv lock --check --python .venv/bin/python
     step "Checking that every locked package is a wheel" python scripts/check_lock.py

@@ -24,7 +24,7 @@ from vo_service.odometry.stage_timers import CpuStageTimer
 from vo_service.outputs.zenoh.base_subscription import (
     BaseSubscription,
     velocity_key,
-    wheel_keys,
+    wheel_key,
 )
 from vo_service.outputs.zenoh.output import (
     LIVE_QOS,
@@ -201,7 +201,6 @@ def open_frames(config: Config) -> "list[FrameOutput]":
         scan=config.scan,
         T_base_camera=config.T_base_camera.T_base_camera,
         base_frame_id=config.zenoh.child_frame_id,
-        ros2=config.ros2,
     )
     return open_frame_outputs(settings, config.zenoh)
 
@@ -246,24 +245,14 @@ def make_wheel_odometry(config: Config, camera: RgbdCamera) -> WheelOdometrySour
         topics = recorded_topics(config.wheel_odometry)
         open_messages = partial(camera.recorded_odometry, topics)
         return RecordedWheelOdometry(config.wheel_odometry, " or ".join(topics), open_messages)
-    has_transforms = config.ros2.enabled and config.ros2.tf
-    frame_ids = (config.zenoh.odom_frame_id, config.zenoh.child_frame_id)
-    return WheelOdometry(
-        config.wheel_odometry,
-        " or ".join(_wheel_keys(config)),
-        frame_ids if has_transforms else None,
-    )
+    return WheelOdometry(config.wheel_odometry, wheel_key(config.zenoh.prefix))
 
 
 def make_wheel_subscription(config: Config, wheel_odometry: WheelOdometrySource) -> Subscribe:
     """Make what subscribes to the messages of the wheels."""
     if isinstance(wheel_odometry, NullWheelOdometry | RecordedWheelOdometry):
         return subscribe_to_nothing
-    return BaseSubscription(_wheel_keys(config), wheel_odometry.add_message).declare
-
-
-def _wheel_keys(config: Config) -> tuple[str, ...]:
-    return wheel_keys(config.zenoh.prefix, config.wheel_odometry, config.ros2)
+    return BaseSubscription(wheel_key(config.zenoh.prefix), wheel_odometry.add_message).declare
 
 
 def make_velocity_commands(config: Config, camera: RgbdCamera) -> VelocityCommands:
@@ -277,7 +266,7 @@ def make_velocity_subscription(
     """Make what subscribes to velocities; to nothing if the camera cannot be driven."""
     if not camera.can_drive:
         return subscribe_to_nothing
-    return BaseSubscription((velocity_key(config.zenoh.prefix),), velocities.add_message).declare
+    return BaseSubscription(velocity_key(config.zenoh.prefix), velocities.add_message).declare
 
 
 def open_sensor_memory(config: Config, camera: RgbdCamera) -> SensorMemory:

@@ -23,7 +23,6 @@ from vo_service.config_tables import (
     MapConfig,
     RecorderConfig,
     RerunConfig,
-    Ros2Config,
     ScanConfig,
     WheelOdometryConfig,
     ZenohConfig,
@@ -184,7 +183,6 @@ class Config:
     frames: FramesConfig = FramesConfig()  # noqa: RUF009 (frozen)
     scan: ScanConfig = ScanConfig()  # noqa: RUF009 (frozen)
     commands: CommandConfig = CommandConfig()  # noqa: RUF009 (frozen)
-    ros2: Ros2Config = Ros2Config()  # noqa: RUF009 (frozen)
     wheel_odometry: WheelOdometryConfig = WheelOdometryConfig()  # noqa: RUF009 (frozen)
     rerun: RerunConfig = RerunConfig()  # noqa: RUF009 (frozen)
     recorder: RecorderConfig = RecorderConfig()  # noqa: RUF009 (frozen)
@@ -200,11 +198,6 @@ class Config:
                 ("T_base_camera", "translation_m"),
                 "a planar base needs the camera's height above the floor, the third number; "
                 "kinect-vo doctor measures it",
-            )
-        if self.wheel_odometry.topic == self.ros2.topic:
-            raise FieldError(
-                ("wheel_odometry", "topic"),
-                "is the topic of this program's own poses (ros2.topic); name that of the wheels",
             )
 
 

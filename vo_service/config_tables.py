@@ -224,37 +224,13 @@ class ScanConfig:
 
 
 @dataclass(frozen=True)
-class Ros2Config:
-    """`[ros2]`: publication of poses and frames for ROS 2."""
-
-    enabled: Annotated[bool, "true also publishes under ROS 2's own keys"] = False
-    domain_id: Annotated[int, Field("ROS_DOMAIN_ID of the readers", minimum=0, maximum=232)] = 0
-    topic: Annotated[str, "topic of the odometry, without the first slash"] = "vo/odom"
-    tf: Annotated[bool, "also publish the transforms on /tf and /tf_static"] = True
-    namespace: Annotated[str, "namespace of the images' topics, without the first slash"] = "camera"
-
-    def __post_init__(self) -> None:
-        _check_ros2_name("topic", self.topic, "vo/odom")
-        _check_ros2_name("namespace", self.namespace, "camera")
-
-
-def _check_ros2_name(key: str, name: str, example: str) -> None:
-    if not re.fullmatch(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", name, re.ASCII):
-        raise FieldError(
-            (key,),
-            f"{name!r} is not a valid ROS 2 {key}; use names separated by single "
-            f"slashes, such as {example}",
-        )
-
-
-@dataclass(frozen=True)
 class WheelOdometryConfig:
     """`[wheel_odometry]`: the robot's wheels, a prior for views that show too little."""
 
     enabled: Annotated[bool, "true receives it, as nav_msgs/Odometry on PREFIX/wheel_odom"] = False
     topic: Annotated[
         str | None,
-        "also receive it from this topic of ROS 2, without the first slash, such as odom",
+        "the topic of a recording that was not made by this program, such as odom",
     ] = None
     translation_sigma: Annotated[
         float,
@@ -267,10 +243,6 @@ class WheelOdometryConfig:
     max_age_s: Annotated[float, Field("older poses are not used, s", minimum=0.02, maximum=2.0)] = (
         0.2
     )
-
-    def __post_init__(self) -> None:
-        if self.topic is not None:
-            _check_ros2_name("topic", self.topic, "odom")
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 import zenoh
 
-from vo_service.config_tables import CommandConfig, Ros2Config, ZenohConfig
+from vo_service.config_tables import CommandConfig, ZenohConfig
 from vo_service.control import CommandQueue
 from vo_service.outputs.zenoh.session import open_session
 from vo_service.outputs.zenoh.session_endpoints import (
@@ -30,10 +30,6 @@ ANSWERED = {
 }
 COMMANDS = {"kinect/command/*"}
 TOKENS = {"kinect/alive"}
-ROS2_TYPES = {
-    "vo/odom": "nav_msgs::msg::dds_::Odometry_",
-    "tf": "tf2_msgs::msg::dds_::TFMessage_",
-}
 
 
 class Declared:
@@ -64,14 +60,14 @@ class Declared:
         return getattr(self._session, name)
 
 
-def declared(ros2: Ros2Config) -> Declared:
+def declared() -> Declared:
     """What a service with default settings declares."""
     programme = EndpointConfig(
         "kinect",
         FrameIds("odom", "base_link", "map"),
         zenoh.CongestionControl.DROP,
         Queryables("kinect", LatestMessages()),
-        ExtraEndpoints(make_command_endpoint(CommandConfig(), CommandQueue()), ros2),
+        ExtraEndpoints(make_command_endpoint(CommandConfig(), CommandQueue())),
     )
     with open_session(ZenohConfig(listen=())) as session:
         spy = Declared(session)
@@ -80,16 +76,7 @@ def declared(ros2: Ros2Config) -> Declared:
 
 
 def test_the_zenoh_keys_are_unchanged() -> None:
-    found = declared(Ros2Config())
+    found = declared()
     assert found.publishers == PUBLISHED
     assert found.queryables == ANSWERED | COMMANDS
     assert found.tokens == TOKENS
-
-
-def test_the_ros2_keys_are_unchanged() -> None:
-    found = declared(Ros2Config(enabled=True))
-    keys = found.publishers - PUBLISHED
-    for topic, type_name in ROS2_TYPES.items():
-        assert topic in keys
-        assert any(key.startswith(f"0/{topic}/{type_name}/RIHS01_") for key in keys)
-    assert len(keys) == 2 * len(ROS2_TYPES)

@@ -53,7 +53,6 @@ def test_all_defaults_are_valid(tmp_path: Path) -> None:
         ('[zenoh]\nprefix = "/a"', "zenoh prefix '/a': use names"),
         ('[zenoh]\nmap_frame_id = "odom"', "'odom' is empty or the name of another frame"),
         ('[zenoh]\nlisten = ["tcp/[::1]:1", "tcp/[::1]:1"]', "has the same endpoint twice"),
-        ('[ros2]\nnamespace = "/camera"', "'/camera' is not a valid ROS 2 namespace"),
         ('[outputs]\nmcap = "a.txt"', "a.txt: the file name must end in .mcap"),
         ('[outputs]\nextra = ["email"]', "output 'email' is unknown"),
         ('[camera]\nsource = "bag:none.mcap"', "no recording none.mcap"),

@@ -34,6 +34,7 @@ COMMAND_GROUPS = {
     },
     "with a running service": {
         "listen": "print the poses that a running kinect-vo publishes",
+        "ros2": "start the ROS 2 node: poses, images, services and diagnostics in ROS",
         "command": "send a command to a running kinect-vo: reset, pause, tilt, record or save",
         "certificates": "make keys and certificates for a test network",
         "router": "run a small Zenoh router for several robots, until Ctrl-C or SIGTERM",

@@ -14,7 +14,11 @@ logger = logging.getLogger(__name__)
 
 def recorded_topics(config: WheelOdometryConfig) -> tuple[str, ...]:
     """Return the topics to read from a recording."""
-    return (ODOMETRY_TOPIC,) if config.topic is None else (ODOMETRY_TOPIC, f"/{config.topic}")
+    return (
+        (ODOMETRY_TOPIC,)
+        if config.topic is None
+        else (ODOMETRY_TOPIC, "/" + config.topic.lstrip("/"))
+    )
 
 
 class RecordedWheelOdometry(WheelOdometry):

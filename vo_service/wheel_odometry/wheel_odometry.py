@@ -82,18 +82,10 @@ class WheelOdometry:
     Args:
         config: Standard deviations, and the age of poses that are not used.
         source: Where the messages come from, for people, such as "kinect/wheel_odom".
-        published_frame_ids: Frames of odom and base if this program publishes the transform between
-            them, which the wheels' driver then must not; None if it does not.
     """
 
-    def __init__(
-        self,
-        config: WheelOdometryConfig,
-        source: str,
-        published_frame_ids: tuple[str, str] | None = None,
-    ) -> None:
+    def __init__(self, config: WheelOdometryConfig, source: str) -> None:
         self._config, self._source = config, source
-        self._published_frame_ids = published_frame_ids
         self._lock = threading.Lock()
         self._history = PoseHistory(config.max_age_s)
         self._slip = SlipDetector()
@@ -102,7 +94,6 @@ class WheelOdometry:
         self._messages = 0
         self._arrival = ArrivalFault(source, config.max_age_s)
         self._unreadable, self._jump, self._slipping = TimedFault(), TimedFault(), TimedFault()
-        self._transform_fault = ""
         self._log = FaultLog()
 
     @property
@@ -133,14 +124,6 @@ class WheelOdometry:
             return None
         with self._lock:
             self._messages += 1
-            self._transform_fault = ""
-            if reading.frame_ids == self._published_frame_ids:
-                parent, child = reading.frame_ids
-                self._transform_fault = (
-                    f"its messages have the frames {parent} and {child}, whose transform this "
-                    "program publishes (ros2.tf): switch the transform of the wheels' driver off, "
-                    "and name its frame otherwise, such as wheel_odom"
-                )
             if fault := self._history.add(reading):
                 self._jump.set(f"{fault}; wheel odometry restarts there")
             for journal in self._journals:
@@ -248,7 +231,6 @@ class WheelOdometry:
             self._jump.text,
             self._arrival.text,
             self._slipping.text,
-            self._transform_fault,
         )
         fault = next(filter(None, faults), "")
         return fault and f"wheel odometry: {fault}"

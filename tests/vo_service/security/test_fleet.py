@@ -5,8 +5,9 @@ from collections.abc import Iterator
 import pytest
 import zenoh
 
-from tests.vo_service.security.tls_network import TlsNetwork, query_replies
+from tests.vo_service.security.tls_network import TlsNetwork, query_replies, receives_kept_message
 from tests.waiting import wait_until
+from vo_service.outputs.zenoh.session import declare_latched_publisher
 
 pytestmark = pytest.mark.zenoh
 
@@ -46,6 +47,14 @@ def test_one_subscriber_reads_all_robots(network: TlsNetwork, robot1: zenoh.Sess
             return received == {"robot1/odom", "robot2/odom"}
 
         wait_until(are_both_received)
+
+
+def test_a_late_reader_gets_the_map_of_a_robot(network: TlsNetwork, robot1: zenoh.Session) -> None:
+    kept = declare_latched_publisher(robot1, "robot1/map")
+    kept.put(b"kept")
+    with reader(network) as session:
+        assert receives_kept_message(session, "*/map")
+    kept.undeclare()  # type: ignore[no-untyped-call]
 
 
 def test_a_robot_cannot_publish_below_the_prefix_of_another(

@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+import zenoh
 
 from tests.vo_service.security.tls_network import (
     HOST,
@@ -17,10 +18,11 @@ from tests.vo_service.security.tls_network import (
     is_contiguous,
     query_replies,
     receive_pose_numbers,
+    receives_kept_message,
 )
 from tests.waiting import wait_until
 from vo_service.config_tables import ZenohConfig
-from vo_service.outputs.zenoh.session import open_session
+from vo_service.outputs.zenoh.session import declare_latched_publisher, open_session
 
 pytestmark = pytest.mark.zenoh
 
@@ -64,6 +66,25 @@ def test_a_reader_reads_but_cannot_command(network: TlsNetwork, robot: TlsRobot)
             if reply.ok
         ] == ["kinect/alive"]
     assert robot.executed == []
+
+
+@pytest.mark.parametrize("name", ["map", "tf_static"])
+def test_a_reader_gets_what_a_navigating_robot_needs(
+    network: TlsNetwork, robot: TlsRobot, name: str
+) -> None:
+    kept = declare_latched_publisher(robot.session, f"kinect/{name}")
+    kept.put(b"kept")
+    received: list[zenoh.Sample] = []
+    with network.open_session("reader-tls.json5", "ours/reader") as reader:
+        assert receives_kept_message(reader, f"kinect/{name}")
+        reader.declare_subscriber("kinect/scan", received.append)
+
+        def is_received() -> bool:
+            robot.put("kinect/scan", b"scan")
+            return bool(received)
+
+        wait_until(is_received)
+    kept.undeclare()  # type: ignore[no-untyped-call]
 
 
 def test_only_a_viewer_sees_images(network: TlsNetwork, robot: TlsRobot) -> None:

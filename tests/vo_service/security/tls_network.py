@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import zenoh
+import zenoh.ext
 
 from drivers.core import UserFacingError
 from tests.ports import free_port
@@ -101,14 +102,21 @@ class TlsRobot:
         self._command_queue = CommandQueue()
         commands = make_command_endpoint(CommandConfig(), self._command_queue)
         config = ZenohConfig(config_file=file)
-        keys = wheel_key(config.prefix), velocity_key(config.prefix)
-        base = BaseSubscription(keys, self.base_messages.append)
-        endpoints = ExtraEndpoints(commands, subscriptions=(base.declare,))
+        subscriptions = tuple(
+            BaseSubscription(key(config.prefix), self.base_messages.append).declare
+            for key in (wheel_key, velocity_key)
+        )
+        endpoints = ExtraEndpoints(commands, subscriptions)
         self._output = ZenohOutput(config, extra_endpoints=endpoints)
+
+    @property
+    def session(self) -> zenoh.Session:
+        """The session of the poses."""
+        return self._output._endpoints[0].session
 
     def put(self, key: str, payload: bytes) -> None:
         """Publish something on the session of the poses."""
-        self._output._endpoints[0].session.put(key, payload)
+        self.session.put(key, payload)
 
     def run(self) -> None:
         """Publish until `stop` is set."""
@@ -136,6 +144,21 @@ def receive_pose_numbers(session: zenoh.Session) -> Iterator[list[int]]:
     with session.declare_subscriber("*/odom", on_sample):
         assert first.wait(100), "no pose arrived"
         yield numbers
+
+
+def receives_kept_message(session: zenoh.Session, key: str) -> bool:
+    """Return whether a latched message that was sent before arrives."""
+    received = threading.Event()
+    subscriber = zenoh.ext.declare_advanced_subscriber(
+        session,
+        key,
+        lambda _: received.set(),
+        history=zenoh.ext.HistoryConfig(detect_late_publishers=True),
+    )
+    try:
+        return received.wait(20)
+    finally:
+        subscriber.undeclare()  # type: ignore[no-untyped-call]
 
 
 def is_contiguous(numbers: list[int]) -> bool:

@@ -18,7 +18,6 @@ from tests.vo_service.wheel_odometry.wheel_driver import (
     wheel_message,
     wheel_odometry,
 )
-from vo_service.config_tables import WheelOdometryConfig
 from vo_service.wheel_odometry.planar_pose import PlanarPose, PlanarTwist
 from vo_service.wheel_odometry.wheel_odometry import WheelOdometry
 
@@ -164,15 +163,6 @@ def test_messages_out_of_order_or_sent_twice_are_ignored() -> None:
     assert other is not None
     assert np.array_equal(one.T_from_to, other.T_from_to)
     assert wheels.warning == ""
-
-
-def test_a_driver_that_publishes_our_transform() -> None:
-    own = ("odom", "base_link")
-    wheels = WheelOdometry(WheelOdometryConfig(True), "kinect/wheel_odom", own)
-    run(wheels, 0.0, 1.0)
-    assert wheels.warning == ""
-    run(wheels, 1.0, 1.5, frame_id="odom")
-    assert "the frames odom and base_link, whose transform this program" in wheels.warning
 
 
 def test_a_fault_is_logged_once_a_minute(caplog: pytest.LogCaptureFixture) -> None:

@@ -3,27 +3,25 @@
 import logging
 import time
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import TYPE_CHECKING
 
 import zenoh
-import zenoh.shm
+import zenoh.ext
 
 from drivers.core.geometry import Array
 from drivers.core.queues import DropOldestQueue, WorkerThread
 from drivers.core.rate_limits import Throttle
-from vo_service.config_tables import FramesConfig, Ros2Config, ScanConfig, ZenohConfig
+from drivers.ros_messages.navigation import TRANSFORMS_SCHEMA, TransformMessage, encode_transforms
+from vo_service.config_tables import FramesConfig, ScanConfig, ZenohConfig
 from vo_service.navigation.robot_scan import RobotScanner
+from vo_service.outputs.frames.camera_transforms import camera_transforms
+from vo_service.outputs.frames.publishers import FrameTopicPublisher
+from vo_service.outputs.frames.shared_payloads import SharedPayloads
+from vo_service.outputs.frames.topics import make_scan_topic, make_topics
 from vo_service.outputs.zenoh.addresses import endpoints_without_roles
+from vo_service.outputs.zenoh.session import declare_latched_publisher
 from vo_service.types.messages import frame_attachment
 from vo_service.types.odometry_update import OdometryUpdate
 from vo_service.types.outputs import OutputBase
-
-if TYPE_CHECKING:  # loaded only if it is enabled
-    from vo_service.outputs.frames.ros2 import RosFrames
-from vo_service.outputs.frames.publishers import FrameKeyPublisher, FrameTopicPublisher
-from vo_service.outputs.frames.shared_payloads import SharedPayloads
-from vo_service.outputs.frames.topics import FrameTopic, make_scan_topic, make_topics
 
 logger = logging.getLogger(__name__)
 
@@ -37,8 +35,7 @@ class FrameOutputConfig:
         frames: Rate, coding and frame of the camera.
         scan: Heights and ranges of the scan.
         T_base_camera: 4x4 pose of the optical camera in the base.
-        base_frame_id: Frame of the base, for ROS 2.
-        ros2: Topics for ROS 2.
+        base_frame_id: Frame of the base.
     """
 
     prefix: str
@@ -46,10 +43,10 @@ class FrameOutputConfig:
     T_base_camera: Array
     base_frame_id: str = "base_link"
     scan: ScanConfig = ScanConfig()  # noqa: RUF009 (frozen)
-    ros2: Ros2Config = Ros2Config()  # noqa: RUF009 (frozen)
 
 
 CLOSE_TIMEOUT_S = 2.0
+STATIC_TRANSFORMS_ENCODING = zenoh.Encoding.APPLICATION_CDR.with_schema(TRANSFORMS_SCHEMA)
 # A pose reaches its readers first: copying images would compete with them for a processor.
 POSE_LEAD_S = 0.002
 
@@ -70,7 +67,7 @@ class FrameOutput(OutputBase):
             self._scanner = _open_scanner(config)
             self._topics[1:1] = [make_scan_topic(self._scanner)]
         self._publishers: list[FrameTopicPublisher] = []
-        self._ros2: RosFrames | None = None
+        self._static_transforms: zenoh.ext.AdvancedPublisher | None = None
         self._shared_payloads = SharedPayloads()
         self._throttle = Throttle(1.0 / config.frames.max_hz)
         self.warning = ""
@@ -82,40 +79,27 @@ class FrameOutput(OutputBase):
     def declare(self, session: zenoh.Session) -> None:
         """Publish on this session from now on."""
         config = self._config
-        self._ros2 = self._open_ros2(session)
         self._publishers = [
-            FrameTopicPublisher(topic, self._declare_keys(session, topic)) for topic in self._topics
+            FrameTopicPublisher(session, config.prefix, topic) for topic in self._topics
         ]
-        if self._ros2 is None:
-            return
+        self._static_transforms = declare_latched_publisher(
+            session, f"{config.prefix}/tf_static", STATIC_TRANSFORMS_ENCODING
+        )
+        self._static_transforms.put(encode_transforms(self._transforms()))
+
+    def _transforms(self) -> list[TransformMessage]:
+        config, stamp_s = self._config, time.time()
+        transforms: list[TransformMessage] = []
         if self._has_images:
-            self._ros2.declare_transform(
-                config.base_frame_id, config.frames.frame_id, config.T_base_camera
+            transforms += camera_transforms(
+                stamp_s, config.base_frame_id, config.frames.frame_id, config.T_base_camera
             )
         if self._scanner is not None:
-            self._ros2.declare_transform(
-                config.base_frame_id, config.scan.frame_id, self._scanner.T_base_scan
+            T_base_scan = self._scanner.T_base_scan
+            transforms.append(
+                TransformMessage(stamp_s, config.base_frame_id, config.scan.frame_id, T_base_scan)
             )
-
-    def _declare_keys(self, session: zenoh.Session, topic: FrameTopic) -> list[FrameKeyPublisher]:
-        """Declare the topic's own key, and its keys for ROS 2."""
-        cdr = zenoh.Encoding.APPLICATION_CDR
-        encoding = (
-            cdr.with_schema(topic.schema) if topic.schema else zenoh.Encoding.APPLICATION_JSON
-        )
-        key = f"{self._config.prefix}/{topic.name}"
-        keys = [FrameKeyPublisher(session, encoding, key, lambda own: own)]
-        if self._ros2 is not None:
-            declare_key = partial(FrameKeyPublisher, session, cdr)
-            keys += self._ros2.declare_topic(topic.ros_name, topic.schema, declare_key)
-        return keys
-
-    def _open_ros2(self, session: zenoh.Session) -> "RosFrames | None":
-        if not self._config.ros2.enabled:
-            return None
-        from vo_service.outputs.frames.ros2 import RosFrames
-
-        return RosFrames(session, self._config.prefix, self._config.ros2)
+        return transforms
 
     @property
     def dropped(self) -> int:

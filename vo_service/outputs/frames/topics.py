@@ -34,13 +34,11 @@ class FrameTopic:
 
     Attributes:
         name: Key below the prefix.
-        ros_name: Topic for ROS: below the namespace, or with a first slash; "" = none.
         schema: Type of the message; "" for JSON.
         encode: Makes the payloads.
     """
 
     name: str
-    ros_name: str
     schema: str
     encode: Encoder
 
@@ -69,24 +67,16 @@ def make_topics(settings: FramesConfig) -> list[FrameTopic]:
     def points(update: OdometryUpdate) -> list[bytes]:
         return [encode_point_cloud(messages(update).points(settings.point_stride))]
 
-    rgb, depth_registered = "rgb/image_raw", "depth_registered/image_raw"
     return [
-        FrameTopic("timing", "", "", lambda update: [timing_payload(update)]),
-        FrameTopic("imu", "imu", IMU_SCHEMA, ImuEncoder(settings.frame_id)),
-        FrameTopic("color/camera_info", "rgb/camera_info", CAMERA_INFO_SCHEMA, camera_info),
-        FrameTopic(
-            "depth/camera_info", "depth_registered/camera_info", CAMERA_INFO_SCHEMA, camera_info
-        ),
-        FrameTopic("color/image", rgb, IMAGE_SCHEMA, color),
-        FrameTopic("depth/image", depth_registered, IMAGE_SCHEMA, depth),
-        FrameTopic("color/compressed", f"{rgb}/compressed", COMPRESSED_IMAGE_SCHEMA, color_jpeg),
-        FrameTopic(
-            "depth/compressed",
-            f"{depth_registered}/compressedDepth",
-            COMPRESSED_IMAGE_SCHEMA,
-            depth_png,
-        ),
-        FrameTopic("points", "depth_registered/points", POINT_CLOUD_SCHEMA, points),
+        FrameTopic("timing", "", lambda update: [timing_payload(update)]),
+        FrameTopic("imu", IMU_SCHEMA, ImuEncoder(settings.frame_id)),
+        FrameTopic("color/camera_info", CAMERA_INFO_SCHEMA, camera_info),
+        FrameTopic("depth/camera_info", CAMERA_INFO_SCHEMA, camera_info),
+        FrameTopic("color/image", IMAGE_SCHEMA, color),
+        FrameTopic("depth/image", IMAGE_SCHEMA, depth),
+        FrameTopic("color/compressed", COMPRESSED_IMAGE_SCHEMA, color_jpeg),
+        FrameTopic("depth/compressed", COMPRESSED_IMAGE_SCHEMA, depth_png),
+        FrameTopic("points", POINT_CLOUD_SCHEMA, points),
     ]
 
 
@@ -105,10 +95,10 @@ class ImuEncoder:
 
 
 def make_scan_topic(scanner: RobotScanner) -> FrameTopic:
-    """Make the topic of the scan. Its name for ROS is the usual one, outside of the namespace."""
+    """Make the topic of the scan."""
 
     def scan(update: OdometryUpdate) -> list[bytes]:
         scanner.warn()  # somebody wants it, so that its faults matter
         return [encode_laser_scan(scanner.message(update))]
 
-    return FrameTopic("scan", "/scan", LASER_SCAN_SCHEMA, scan)
+    return FrameTopic("scan", LASER_SCAN_SCHEMA, scan)

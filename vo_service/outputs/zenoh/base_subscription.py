@@ -8,8 +8,6 @@ from dataclasses import dataclass
 import zenoh
 
 from drivers.core.rate_limits import TokenBucket
-from vo_service.config_tables import Ros2Config, WheelOdometryConfig
-from vo_service.outputs.zenoh.ros2 import ODOMETRY
 
 # Many messages must not take CPU time from the poses: Zenoh drops the oldest, without Python code.
 MAX_PENDING, MAX_PER_SECOND = 16, 200.0
@@ -19,27 +17,24 @@ MAX_MESSAGE_BYTES = 65_536
 
 @dataclass(frozen=True)
 class BaseSubscription:
-    """Hands the messages of some keys over, each key on a thread that ends with the session.
+    """Hands the messages of a key over, on a thread that ends with the session.
 
     Attributes:
-        keys: The keys.
+        key: The key.
         on_message: Takes the payload of each message; it must not raise or block.
     """
 
-    keys: tuple[str, ...]
+    key: str
     on_message: Callable[[bytes], object]
 
     def declare(self, session: zenoh.Session) -> list[threading.Thread]:
-        """Subscribe on a new session; return the threads."""
-        return [self._subscribe(session, key) for key in self.keys]
-
-    def _subscribe(self, session: zenoh.Session, key: str) -> threading.Thread:
-        subscriber = session.declare_subscriber(key, zenoh.handlers.RingChannel(MAX_PENDING))
+        """Subscribe on a new session; return the thread."""
+        subscriber = session.declare_subscriber(self.key, zenoh.handlers.RingChannel(MAX_PENDING))
         thread = threading.Thread(
-            target=self._receive, args=(subscriber,), name=f"zenoh-{key}", daemon=True
+            target=self._receive, args=(subscriber,), name=f"zenoh-{self.key}", daemon=True
         )
         thread.start()
-        return thread
+        return [thread]
 
     def _receive(self, subscriber: zenoh.Subscriber[zenoh.Handler[zenoh.Sample]]) -> None:
         rate_limit = TokenBucket(MAX_PER_SECOND)
@@ -63,11 +58,3 @@ def wheel_key(prefix: str) -> str:
 def velocity_key(prefix: str) -> str:
     """Return the key of the velocities of a simulated base."""
     return f"{prefix}/cmd_vel"
-
-
-def wheel_keys(prefix: str, config: WheelOdometryConfig, ros2: Ros2Config) -> tuple[str, ...]:
-    """Return the keys to subscribe to: ours, and those of a topic of ROS 2 by both bridges."""
-    if config.topic is None:
-        return (wheel_key(prefix),)
-    rmw_key = f"{ros2.domain_id}/{config.topic}/{ODOMETRY.dds_name}/*"
-    return wheel_key(prefix), config.topic, rmw_key

@@ -221,7 +221,7 @@ class ZenohOutput:
         config: Prefix, frames and endpoints.
         qos: How to treat slow subscribers.
         connect_policy: Opens the session; its errors are raised.
-        extra_endpoints: Commands, ROS 2 and others; None is none of them.
+        extra_endpoints: Commands and others; None is none of them.
     """
 
     def __init__(
@@ -302,7 +302,7 @@ class ZenohOutput:
         attachment = pose_attachment(update)
         self._latest.pose = (payload, attachment)
         for endpoints in self._endpoints:
-            endpoints.publish_pose(update, payload, attachment)
+            endpoints.publish_pose(payload, attachment)
         if update.map is not NO_MAP:
             self._publish_map(update)
         if update.grid is not self._published_grid:

@@ -11,7 +11,6 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
-from typing import TYPE_CHECKING
 
 import zenoh
 import zenoh.ext
@@ -19,7 +18,7 @@ import zenoh.ext
 from drivers.core.queues import BlockingQueue, WorkerThread
 from drivers.core.rate_limits import TokenBucket
 from drivers.ros_messages.navigation import OCCUPANCY_GRID_SCHEMA, ODOMETRY_SCHEMA, TRANSFORM_SCHEMA
-from vo_service.config_tables import CommandConfig, Ros2Config
+from vo_service.config_tables import CommandConfig
 from vo_service.control import CommandFuture, CommandQueue
 from vo_service.outputs.zenoh.session import declare_latched_publisher
 from vo_service.types.commands import (
@@ -31,9 +30,6 @@ from vo_service.types.commands import (
 )
 from vo_service.types.messages import MESSAGE_SCHEMA, ErrorReply, FrameIds, encode_message
 from vo_service.types.odometry_update import OdometryUpdate
-
-if TYPE_CHECKING:  # loaded only if it is enabled
-    from vo_service.outputs.zenoh.ros2 import Ros2Publisher
 
 logger = logging.getLogger(__name__)
 
@@ -328,14 +324,12 @@ class ExtraEndpoints:
 
     Attributes:
         commands: Receives commands.
-        ros2: Topics for ROS 2.
         subscriptions: Called with each new session; each subscribes and returns its threads.
         on_session: Called with each new session, to declare more on it.
         on_pose: Called with each update once its pose is sent, on the thread that sends poses.
     """
 
     commands: CommandEndpoint = field(default_factory=NullCommandEndpoint)
-    ros2: Ros2Config = Ros2Config()  # noqa: RUF009 (frozen)
     subscriptions: Sequence[Subscribe] = ()
     on_session: Callable[[zenoh.Session], None] = lambda _: None
     on_pose: Callable[[OdometryUpdate], None] = lambda _: None
@@ -356,9 +350,6 @@ class SessionEndpoints:
     """Publishers, queryables, commands and the liveliness token `alive` of one session.
 
     The token is declared last: a client that sees it finds everything else.
-
-    Raises:
-        InputError: The ROS 2 topic is invalid.
     """
 
     def __init__(self, session: zenoh.Session, config: EndpointConfig) -> None:
@@ -383,7 +374,6 @@ class SessionEndpoints:
         )
         self._prefix = prefix
         self._grid: zenoh.ext.AdvancedPublisher | None = None  # until there is a grid
-        self._ros2 = _open_ros2(session, config)
         if config.queryables.latest.grid is not None:  # of an earlier session
             self.publish_grid(config.queryables.latest.grid)
         self._threads = config.queryables.declare(session)
@@ -393,11 +383,9 @@ class SessionEndpoints:
         config.extra.on_session(session)
         self._alive = session.liveliness().declare_token(f"{prefix}/alive")
 
-    def publish_pose(self, update: OdometryUpdate, payload: bytes, attachment: bytes) -> None:
+    def publish_pose(self, payload: bytes, attachment: bytes) -> None:
         """Publish one pose; `payload` is its CDR."""
         self._odom.put(payload, attachment=attachment)
-        if self._ros2 is not None:
-            self._ros2.publish(update, payload)
 
     def publish_map_odom(self, payload: bytes, attachment: bytes) -> None:
         """Publish the map->odom transform."""
@@ -409,8 +397,6 @@ class SessionEndpoints:
             key = f"{self._prefix}/map"
             self._grid = declare_latched_publisher(self.session, key, CDR_GRID)
         self._grid.put(payload)
-        if self._ros2 is not None:
-            self._ros2.publish_grid(payload)
 
     def publish_status(self, payload: bytes) -> None:
         self._status.put(payload)
@@ -432,24 +418,12 @@ class SessionEndpoints:
     def close(self) -> None:
         """Withdraw the token and close the session."""
         parts: list[Callable[[], object]] = [self._alive.undeclare, self.session.close]
-        if self._ros2 is not None:
-            parts.insert(1, self._ros2.close)
         for close in parts:
             with suppress(zenoh.ZError):  # a broken link
                 close()
         # A thread that is still inside Zenoh when Python exits crashes the process.
         for thread in self._threads:
             thread.join(THREAD_JOIN_TIMEOUT_S)
-
-
-def _open_ros2(session: zenoh.Session, config: EndpointConfig) -> "Ros2Publisher | None":
-    """Publish for ROS 2 if it is enabled."""
-    settings = config.extra.ros2
-    if not settings.enabled:
-        return None
-    from vo_service.outputs.zenoh.ros2 import Ros2Publisher
-
-    return Ros2Publisher(session, settings, config.prefix, config.frame_ids, config.congestion)
 
 
 def _has_subscriber(publisher: zenoh.Publisher) -> bool:

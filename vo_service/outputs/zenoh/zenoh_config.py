@@ -108,7 +108,7 @@ def build_zenoh_config(
         "scouting/gossip/enabled": False,
         "transport/shared_memory/enabled": _may_lock_memory(),
         "transport/shared_memory/transport_optimization/enabled": False,
-        "timestamping/enabled": True,  # for the cache of /tf_static
+        "timestamping/enabled": True,  # for the caches of latched publishers
         # A whole raw image fits into the queue, so that only a slow reader loses it.
         "transport/link/tx/queue/size/background": 16,
         "transport/link/rx/max_message_size": max_message_bytes,

@@ -10,7 +10,7 @@ import numpy as np
 from drivers.camera import AccelerometerReading
 from drivers.core.geometry import T_BODY_CAMERA, rigid_transform
 from tests.vo_service.outputs.zenoh.query_helpers import config
-from vo_service.config_tables import FramesConfig, Ros2Config
+from vo_service.config_tables import FramesConfig
 from vo_service.outputs.frames.output import FrameOutput, FrameOutputConfig
 from vo_service.outputs.zenoh.output import ZenohOutput
 from vo_service.outputs.zenoh.session_endpoints import ExtraEndpoints
@@ -25,21 +25,13 @@ MakeUpdate = Callable[..., OdometryUpdate]
 class Robot:
     """The outputs of poses and frames on one session."""
 
-    def __init__(
-        self,
-        port: int,
-        make_update: MakeUpdate,
-        ros2: Ros2Config = Ros2Config(),  # noqa: B008 (frozen)
-        **frames: Any,
-    ) -> None:
-        settings = FrameOutputConfig(
-            "kinect", FramesConfig(**frames), T_BASE_CAMERA, "base_link", ros2=ros2
-        )
+    def __init__(self, port: int, make_update: MakeUpdate, **frames: Any) -> None:
+        settings = FrameOutputConfig("kinect", FramesConfig(**frames), T_BASE_CAMERA, "base_link")
         self.frames = FrameOutput(settings)
         self.poses = ZenohOutput(
             config(port),
             extra_endpoints=ExtraEndpoints(
-                ros2=ros2, on_session=self.frames.declare, on_pose=self.frames.queue
+                on_session=self.frames.declare, on_pose=self.frames.queue
             ),
         )
         self._make_update = make_update

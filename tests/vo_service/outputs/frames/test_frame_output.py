@@ -173,7 +173,11 @@ def test_a_frame_is_queued_once_its_pose_is_sent(free_port: int, make_update: Ma
     extras = ExtraEndpoints(on_pose=lambda update: queued.append((update.seq, sent.copy())))
     poses = ZenohOutput(ZenohConfig(listen=(f"tcp/127.0.0.1:{free_port}",)), extra_endpoints=extras)
     (endpoints,) = poses._endpoints
-    endpoints.publish_pose = lambda update, *_: sent.append(update.seq)  # type: ignore[method-assign]
+
+    def publish_pose(payload: bytes, attachment: bytes) -> None:
+        sent.append(json.loads(attachment)["seq"])
+
+    endpoints.publish_pose = publish_pose  # type: ignore[method-assign]
     for seq in range(3):
         poses.on_update(make_update(seq))
     poses.close()

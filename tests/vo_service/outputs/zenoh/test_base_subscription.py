@@ -9,14 +9,11 @@ import zenoh
 
 from tests.vo_service.outputs.zenoh.query_helpers import config, connected_session
 from tests.waiting import wait_until
-from vo_service.config_tables import Ros2Config, WheelOdometryConfig
 from vo_service.outputs.zenoh.base_subscription import (
     MAX_MESSAGE_BYTES,
     BaseSubscription,
-    wheel_keys,
 )
 from vo_service.outputs.zenoh.output import LIVE_QOS, ZenohOutput
-from vo_service.outputs.zenoh.ros2 import ODOMETRY, RosTopic
 from vo_service.outputs.zenoh.session_endpoints import ExtraEndpoints
 from vo_service.types.odometry_update import OdometryUpdate
 
@@ -27,10 +24,10 @@ KEY = "kinect/wheel_odom"
 
 @contextmanager
 def output_with_wheels(
-    port: int, on_message: Callable[[bytes], None], keys: tuple[str, ...] = (KEY,)
+    port: int, on_message: Callable[[bytes], None]
 ) -> Iterator[tuple[ZenohOutput, zenoh.Session]]:
     """Run an output that subscribes to wheels; yield it and a session that sends."""
-    wheels = BaseSubscription(keys, on_message)
+    wheels = BaseSubscription(KEY, on_message)
     extras = ExtraEndpoints(subscriptions=(wheels.declare,))
     with (
         closing(ZenohOutput(config(port), LIVE_QOS, extra_endpoints=extras)) as output,
@@ -39,8 +36,8 @@ def output_with_wheels(
         yield output, session
 
 
-def wait_for_subscription(session: zenoh.Session, key: str = KEY) -> None:
-    publisher = session.declare_publisher(key)
+def wait_for_subscription(session: zenoh.Session) -> None:
+    publisher = session.declare_publisher(KEY)
     wait_until(lambda: publisher.matching_status.matching)  # type: ignore[attr-defined]
 
 
@@ -81,20 +78,3 @@ def test_a_flood_delays_no_pose_and_the_newest_message_arrives(
         wait_until(lambda: b"4999" in received)
     assert len(received) < 5000
     assert output.dropped == output.errors == 0
-
-
-def test_a_topic_of_ros_2_is_read_by_both_of_its_bridges(free_port: int) -> None:
-    topic = RosTopic("robot/odom", ODOMETRY, 10)
-    keys = wheel_keys("kinect", WheelOdometryConfig(True, "robot/odom"), Ros2Config(domain_id=7))
-    received: set[bytes] = set()
-    with output_with_wheels(free_port, received.add, keys) as (_, session):
-        for key in (KEY, topic.bridge_key, topic.rmw_key(7)):
-            wait_for_subscription(session, key)
-            session.put(key, key.encode())
-        session.put(topic.rmw_key(8), b"another domain")
-        wait_until(lambda: len(received) == 3)
-    assert received == {each.encode() for each in (KEY, topic.bridge_key, topic.rmw_key(7))}
-
-
-def test_without_a_topic_only_our_key_is_read() -> None:
-    assert wheel_keys("robot1", WheelOdometryConfig(True), Ros2Config()) == ("robot1/wheel_odom",)

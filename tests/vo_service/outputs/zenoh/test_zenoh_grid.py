@@ -16,12 +16,9 @@ from tests.vo_service.outputs.zenoh.query_helpers import (
     query,
     reply_json,
 )
-from tests.vo_service.outputs.zenoh.ros_node import ros_node
 from tests.waiting import wait_until
 from vo_service import PoseClient
-from vo_service.config_tables import Ros2Config
 from vo_service.outputs.zenoh.output import LOCKSTEP_QOS, ZenohOutput
-from vo_service.outputs.zenoh.session_endpoints import ExtraEndpoints
 from vo_service.types.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from vo_service.types.odometry_update import OdometryUpdate
 
@@ -30,10 +27,6 @@ pytestmark = pytest.mark.zenoh
 MakeUpdate = Callable[..., OdometryUpdate]
 FIRST = OccupancyGrid(np.array([[FREE, OCCUPIED, UNKNOWN]], np.int8), 0.05, (-1.0, 2.0))
 SECOND = OccupancyGrid(np.array([[FREE, FREE, UNKNOWN]], np.int8), 0.05, (-1.0, 2.0))
-ROS_KEY = (
-    "0/map/nav_msgs::msg::dds_::OccupancyGrid_/"
-    "RIHS01_8d348150c12913a31ee0ec170fbf25089e4745d17035792a1ba94d6f0bc0cfc7"
-)
 
 
 def late_sample(session: zenoh.Session, key: str) -> bytes:
@@ -75,12 +68,3 @@ def test_a_changed_grid_is_published_and_kept(free_port: int, make_update: MakeU
     np.testing.assert_array_equal(sent.cells, FIRST.cells)
     for message in (late, asked):
         np.testing.assert_array_equal(message.cells, SECOND.cells)
-
-
-def test_a_late_ros_node_gets_the_grid(free_port: int, make_update: MakeUpdate) -> None:
-    extra = ExtraEndpoints(ros2=Ros2Config(enabled=True))
-    output = ZenohOutput(config(free_port), LOCKSTEP_QOS, extra_endpoints=extra)
-    with closing(output), ros_node(free_port) as node:
-        output.on_update(replace(make_update(0), grid=FIRST))
-        message = decode_occupancy_grid(late_sample(node, ROS_KEY))
-        np.testing.assert_array_equal(message.cells, FIRST.cells)

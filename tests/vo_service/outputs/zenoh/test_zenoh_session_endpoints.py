@@ -3,7 +3,7 @@
 import pytest
 import zenoh
 
-from vo_service.config_tables import Ros2Config, ZenohConfig
+from vo_service.config_tables import ZenohConfig
 from vo_service.outputs.zenoh.session import open_session
 from vo_service.outputs.zenoh.session_endpoints import (
     EndpointConfig,
@@ -23,7 +23,7 @@ def test_a_token_that_cannot_be_undeclared_keeps_nothing_else_open() -> None:
         FrameIds("odom", "base_link", "map"),
         zenoh.CongestionControl.DROP,
         Queryables("kinect", LatestMessages()),
-        ExtraEndpoints(ros2=Ros2Config(enabled=True)),
+        ExtraEndpoints(),
     )
     with open_session(ZenohConfig(listen=())) as session:
         endpoints = SessionEndpoints(session, config)

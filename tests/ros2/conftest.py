@@ -3,12 +3,19 @@
 import os
 import platform
 import socket
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from tests.ports import free_port
+from tests.ros2.kinect_vo_service import KinectVo, running_kinect_vo
+from tests.ros2.running_node import Ros
 from tests.simulators.requirements import skip_or_fail
+from tests.vo_service.outputs.conftest import listening, make_update
+from tests.vo_service.outputs.frames.frame_robot import MakeUpdate
+
+__all__ = ["listening", "make_update"]
 
 ROOT = Path(__file__).parents[2]
 MACHINE = "x86_64"
@@ -17,14 +24,6 @@ DOMAINS = range(1, 50)
 # What a sourced ROS sets, or a Python with PyPI's rclpy for its children.
 ROS_VARIABLES = ("ROS_", "_ROS_", "RMW_", "AMENT_", "FASTDDS_", "FASTRTPS_")
 PATH_VARIABLES = ("PYTHONPATH", "LD_LIBRARY_PATH")
-
-Ros2Python = Callable[[str], Path]
-
-
-@pytest.fixture
-def ros2_python() -> Ros2Python:
-    """A function that returns the Python of a ROS distribution, or skips the test without it."""
-    return find_python
 
 
 def find_python(distribution: str) -> Path:
@@ -63,3 +62,22 @@ def ros2_environment(ros2_domain: int, tmp_path: Path) -> dict[str, str]:
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
         "HOME": str(tmp_path),  # of ROS's log files
     }
+
+
+@pytest.fixture
+def ros(ros2_environment: dict[str, str]) -> Ros:
+    """Programs of kilted."""
+    return Ros(find_python("kilted"), ros2_environment)
+
+
+@pytest.fixture
+def port() -> int:
+    """A free port of 127.0.0.1."""
+    return free_port()
+
+
+@pytest.fixture
+def service(port: int, make_update: MakeUpdate) -> Iterator[KinectVo]:
+    """A running kinect-vo at that port."""
+    with running_kinect_vo(port, make_update) as running:
+        yield running

@@ -43,7 +43,7 @@ class Ros:
             try:
                 assert process.stdout is not None
                 assert process.stdout.readline() == "ready\n"
-                reader = Reader()
+                reader = Reader(process)
                 thread = threading.Thread(target=reader.collect, args=(process.stdout,))
                 thread.start()
                 yield reader
@@ -76,9 +76,11 @@ class Reader:
     """What a reader has received.
 
     Attributes:
+        process: The process.
         messages: CDR bytes by topic.
     """
 
+    process: subprocess.Popen[str]
     messages: dict[str, list[bytes]] = field(default_factory=dict)
 
     def collect(self, lines: Iterator[str]) -> None:
@@ -116,7 +118,9 @@ class NodeProcess:
 
     def wait_for_line(self, text: str) -> None:
         """Wait for a line with this text."""
-        wait_until(lambda: any(text in line for line in self.lines), f"{text} in {self.lines}")
+        wait_until(
+            lambda: any(text in line for line in self.lines), lambda: f"{text} in {self.lines}"
+        )
 
 
 def _yaml(value: object) -> str:

@@ -1,10 +1,6 @@
 """Services, parameters and diagnostics of the node, used by a real rclpy in another process."""
 
-import subprocess
-import sys
-from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,11 +9,8 @@ from rosbags.typesys import Stores, get_typestore
 
 from drivers.camera import Led
 from drivers.ros_messages.cdr import CdrWriter
-from tests.ports import free_port
-from tests.ros2.conftest import find_python
 from tests.ros2.kinect_vo_service import KinectVo, running_kinect_vo
 from tests.ros2.running_node import Ros
-from tests.vo_service.outputs.conftest import make_update
 from tests.vo_service.outputs.frames.frame_robot import MakeUpdate
 from tests.waiting import wait_until
 from vo_service.types.commands import (
@@ -31,28 +24,10 @@ from vo_service.types.commands import (
 )
 from vo_service.types.odometry_update import TrackingState
 
-__all__ = ["make_update"]
-
 pytestmark = [pytest.mark.zenoh, pytest.mark.subprocess]
 
 MESSAGES = get_typestore(Stores.ROS2_JAZZY)
 DIAGNOSTICS = "/diagnostics=diagnostic_msgs/DiagnosticArray"
-
-
-@pytest.fixture
-def port() -> int:
-    return free_port()
-
-
-@pytest.fixture
-def ros(ros2_environment: dict[str, str]) -> Ros:
-    return Ros(find_python("kilted"), ros2_environment)
-
-
-@pytest.fixture
-def service(port: int, make_update: MakeUpdate) -> Iterator[KinectVo]:
-    with running_kinect_vo(port, make_update) as running:
-        yield running
 
 
 def pose_message(frame_id: str, x_m: float) -> bytes:
@@ -163,14 +138,3 @@ def test_a_wrong_parameter_is_one_line(
     (line,) = node.lines
     assert line.startswith("kinect-vo-ros2: error: ")
     assert message in line
-
-
-def test_without_rclpy_one_line_says_what_to_source() -> None:
-    command = [sys.executable, "-m", "kinect_vo_ros2"]
-    root = str(Path(__file__).parents[2] / "ros2")
-    done = subprocess.run(command, env={"PYTHONPATH": root}, capture_output=True, text=True)
-    assert done.returncode == 1
-    assert done.stderr == (
-        "kinect-vo-ros2: error: rclpy is missing: source a ROS 2 installation "
-        "(source /opt/ros/DISTRO/setup.sh)\n"
-    )

@@ -1,7 +1,5 @@
 """Topics of the node, read by a real rclpy in another process."""
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 import zenoh
@@ -13,18 +11,13 @@ from drivers.ros_messages.navigation import (
     encode_odometry,
     encode_twist,
 )
-from tests.ports import free_port
 from tests.ros2.conftest import find_python
-from tests.ros2.kinect_vo_service import KinectVo, running_kinect_vo
+from tests.ros2.kinect_vo_service import KinectVo
 from tests.ros2.running_node import Ros
-from tests.vo_service.outputs.conftest import make_update
-from tests.vo_service.outputs.frames.frame_robot import MakeUpdate
 from tests.vo_service.outputs.zenoh.query_helpers import connected_session
 from tests.vo_service.sample_map import make_map
 from tests.waiting import wait_until
 from vo_service.types.occupancy_grid import FREE, OCCUPIED, OccupancyGrid
-
-__all__ = ["make_update"]
 
 pytestmark = [pytest.mark.zenoh, pytest.mark.subprocess]
 
@@ -42,22 +35,6 @@ FRAME_TOPICS = {
     "/scan": ("scan", "sensor_msgs/LaserScan"),
 }
 GRID = OccupancyGrid(np.array([[FREE, OCCUPIED]], np.int8), 0.05, (-1.0, 2.0))
-
-
-@pytest.fixture
-def port() -> int:
-    return free_port()
-
-
-@pytest.fixture
-def ros(ros2_environment: dict[str, str]) -> Ros:
-    return Ros(find_python("kilted"), ros2_environment)
-
-
-@pytest.fixture
-def service(port: int, make_update: MakeUpdate) -> Iterator[KinectVo]:
-    with running_kinect_vo(port, make_update) as running:
-        yield running
 
 
 def transforms(payload: bytes) -> dict[tuple[str, str], object]:

@@ -1,0 +1,192 @@
+"""Latency and cost of the ROS 2 node: from the stamp of a frame to a callback in another process.
+
+    scripts/setup_ros2.sh
+    python -m benchmarks ros2_node RECORDING [--seconds 60] [--python .ros2/kilted/bin/python]
+
+Frames of RECORDING are published 30 times a second, without odometry, and stamped then. In each
+case the node passes them on to a reader with rclpy. `lost` counts messages between a reader's first
+and last, CPU is the share of one core that the node takes. Compare the cases with each other:
+absolute times depend on what else runs on the machine.
+"""
+
+import argparse
+import json
+import os
+import subprocess
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack, closing
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.harness import RECORDING, format_table, option
+from benchmarks.outputs import RATE_HZ, WARM_UP_FRAMES, load_frames, send_in_turn
+from benchmarks.service_load import make_update, measure_processor_use
+from drivers.core import InputError
+from drivers.core.geometry import T_BODY_CAMERA
+from tests.ports import free_port
+from vo_service.config_tables import FramesConfig, ZenohConfig
+from vo_service.outputs.frames.output import FrameOutput, FrameOutputConfig
+from vo_service.outputs.zenoh.output import ZenohOutput
+from vo_service.outputs.zenoh.session_endpoints import ExtraEndpoints
+from vo_service.types.odometry_update import OdometryUpdate
+
+ROOT = Path(__file__).parents[1]
+DEFAULT_PYTHON = ROOT / ".ros2" / "kilted" / "bin" / "python"
+OPTIONS = (
+    RECORDING,
+    option("--seconds", type=float, default=60.0, help="length of a case"),
+    option("--python", type=Path, default=DEFAULT_PYTHON, help="a Python that has rclpy"),
+)
+SOURCE_FRAMES = 40
+# Not that of any robot of the user.
+DOMAIN_ID = 87
+DISCOVERY_S = 4.0
+ODOM = ("odom", "nav_msgs.msg", "Odometry")
+COLOR = ("camera/rgb/image_raw", "sensor_msgs.msg", "Image")
+
+
+@dataclass(frozen=True)
+class Case:
+    """Topics that one process reads, and with which reliability."""
+
+    topics: Sequence[tuple[str, str, str]] = ()
+    reliability: str = "BEST_EFFORT"
+
+
+CASES = {
+    "no reader": Case(),
+    "odom": Case([ODOM]),
+    "odom and color, best effort": Case([ODOM, COLOR]),
+    "odom and color, reliable": Case([ODOM, COLOR], "RELIABLE"),
+}
+# Prints "ready"; after a line on its input, stamp and latency of each message by topic.
+READER = """
+import importlib, json, struct, sys, threading, time
+import rclpy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+topics, reliability = json.loads(sys.argv[1]), ReliabilityPolicy[sys.argv[2]]
+received = {name: [] for name, _, _ in topics}
+def subscribe(node, name, module, kind):
+    def on_message(payload):
+        now_s = time.time()
+        seconds, nanoseconds = struct.unpack_from("<iI", payload, 4)
+        received[name].append((seconds + 1e-9 * nanoseconds, now_s))
+    message = getattr(importlib.import_module(module), kind)
+    qos = QoSProfile(depth=5, reliability=reliability)
+    node.create_subscription(message, name, on_message, qos, raw=True)
+rclpy.init()
+node = rclpy.create_node("benchmark_reader")
+for topic in topics:
+    subscribe(node, *topic)
+is_over = threading.Event()
+threading.Thread(target=lambda: (sys.stdin.readline(), is_over.set()), daemon=True).start()
+print("ready", flush=True)
+while not is_over.is_set():
+    rclpy.spin_once(node, timeout_sec=0.1)
+print(json.dumps(received))
+"""
+
+
+def main(args: argparse.Namespace) -> None:
+    """Measure all cases in turn."""
+    if not args.python.exists():
+        raise InputError(f"{args.python}: no such file; run scripts/setup_ros2.sh")
+    updates = list(map(make_update, load_frames(args.recording, SOURCE_FRAMES)))
+    rows = {
+        f"{name}: {topic}": cells
+        for name, case in CASES.items()
+        for topic, cells in measure_case(case, updates, args).items()
+    }
+    print(format_table(("p50 ms", "p99 ms", "max ms", "lost", "node %", "node MB"), rows))
+
+
+def measure_case(
+    case: Case, updates: Sequence[OdometryUpdate], args: argparse.Namespace
+) -> dict[str, list[str]]:
+    """Run one case; return the cells of a row for each topic, or of one row without a reader."""
+    count, endpoint = int(args.seconds * RATE_HZ), f"tcp/127.0.0.1:{free_port()}"
+    environment = {
+        **os.environ,
+        "ROS_DOMAIN_ID": str(DOMAIN_ID),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "PYTHONPATH": str(ROOT / "ros2"),
+    }
+    with ExitStack() as stack:
+        frames = FrameOutput(FrameOutputConfig("kinect", FramesConfig(), T_BODY_CAMERA))
+        stack.enter_context(closing(frames))
+        extras = ExtraEndpoints(on_session=frames.declare, on_pose=frames.queue)
+        poses = ZenohOutput(ZenohConfig(listen=(endpoint,)), extra_endpoints=extras)
+        stack.enter_context(closing(poses))
+        node = subprocess.Popen(
+            [args.python, "-m", "kinect_vo_ros2", "--ros-args", "-p", f"connect:={endpoint}"],
+            env=environment,
+        )
+        stack.callback(node.wait)
+        stack.callback(node.terminate)
+        reader = start_reader(stack, args.python, case, environment)
+        time.sleep(DISCOVERY_S)
+        send_in_turn(updates, 0, WARM_UP_FRAMES, poses.on_update)
+        begin_s, cpu = time.time(), measure_processor_use(node.pid)
+        send_in_turn(updates, WARM_UP_FRAMES, count, poses.on_update)
+        spent = measure_processor_use(node.pid).since(cpu).by_process[node.pid]
+        end_s = time.time()
+        time.sleep(0.5)  # the last messages are on their way
+        received: Mapping[str, Sequence[tuple[float, float]]] = json.loads(
+            reader.communicate("end\n")[0]
+        )
+        cost = [f"{100.0 * spent / (end_s - begin_s):.1f}", f"{proportional_mb(node.pid):.0f}"]
+    if not case.topics:
+        return {"-": ["-", "-", "-", "-", *cost]}
+    return {
+        topic: [*describe(np.array(times), begin_s, end_s, count), *cost]
+        for topic, times in received.items()
+    }
+
+
+def start_reader(
+    stack: ExitStack, python: Path, case: Case, environment: Mapping[str, str]
+) -> "subprocess.Popen[str]":
+    """Start a process that reads the topics; wait until it subscribes."""
+    reader = subprocess.Popen(
+        [python, "-c", READER, json.dumps(case.topics), case.reliability],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        env=environment,
+        text=True,
+    )
+    stack.callback(reader.wait)
+    stack.callback(reader.kill)
+    assert reader.stdout is not None
+    reader.stdout.readline()
+    return reader
+
+
+def describe(
+    times_s: np.ndarray[tuple[int, int], np.dtype[np.float64]],
+    begin_s: float,
+    end_s: float,
+    count: int,
+) -> list[str]:
+    """Return latencies and losses of one topic.
+
+    Args:
+        times_s: (N, 2) stamp and arrival of each message.
+        begin_s: Messages with earlier stamps do not count.
+        end_s: Messages with later stamps do not count.
+        count: Number of messages that were sent between the two.
+    """
+    inside = times_s[(times_s[:, 0] >= begin_s) & (times_s[:, 0] < end_s)]
+    latency_ms = 1e3 * (inside[:, 1] - inside[:, 0])
+    p50, p99 = np.percentile(latency_ms, [50, 99])
+    milliseconds = [f"{value:.2f}" for value in (p50, p99, latency_ms.max())]
+    return [*milliseconds, f"{count - len(inside)} of {count}"]
+
+
+def proportional_mb(process: int) -> float:
+    """Return the proportional set size of a process, MB."""
+    lines = Path(f"/proc/{process}/smaps_rollup").read_text().splitlines()
+    (size_kb,) = [int(line.split()[1]) for line in lines if line.startswith("Pss:")]
+    return size_kb / 1e3

@@ -4,8 +4,10 @@ import os
 import re
 import signal
 import subprocess
+import sys
 import threading
 from collections.abc import Iterator
+from contextlib import contextmanager
 from itertools import chain, cycle, islice
 from pathlib import Path
 from typing import Any
@@ -18,6 +20,7 @@ from tests.vo_service.client.fake_service import find_free_endpoint
 from tests.vo_service.service_process import KINECT_VO_WITH_LONG_TIMEOUT, NO_MAP_CONFIG
 from vo_service import PoseClient
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
 # Slow, so that the service leaves the processors to the examples.
 RATE_HZ = 10
 DURATION_S = 300
@@ -97,3 +100,15 @@ class ProgramOutput:
         self._timer.cancel()
         self._process.kill()
         self._process.communicate()
+
+
+@contextmanager
+def program(name: str, *arguments: object) -> Iterator[ProgramOutput]:
+    """An example while it runs."""
+    command = [sys.executable, str(EXAMPLES / name), *(str(argument) for argument in arguments)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    lines = ProgramOutput(process)
+    try:
+        yield lines
+    finally:
+        lines.stop()

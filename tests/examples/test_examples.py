@@ -25,7 +25,7 @@ from drivers.camera import Led
 from tests import forked_process
 from tests.conftest import FRAMES
 from tests.drivers.freenect.conftest import plug_in
-from tests.examples.conftest import RATE_HZ, ProgramOutput
+from tests.examples.conftest import EXAMPLES, RATE_HZ, ProgramOutput, program
 from tests.json_schema import schema_errors
 from tests.ports import free_port
 from tests.simulators.fixtures import SimulateKinect
@@ -37,22 +37,9 @@ from vo_service.wheel_odometry.wheel_reading import WheelReading, parse_wheel_re
 
 pytestmark = pytest.mark.subprocess
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
 # At most so many poses wait to be sent, or are read late, when a pause is answered.
 UNDER_WAY = 8
 NUMBER = r"-?\d+\.?\d*(?:e-?\d+)?"
-
-
-@contextmanager
-def program(name: str, *arguments: object) -> Iterator[ProgramOutput]:
-    """An example while it runs."""
-    command = [sys.executable, str(EXAMPLES / name), *(str(argument) for argument in arguments)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-    lines = ProgramOutput(process)
-    try:
-        yield lines
-    finally:
-        lines.stop()
 
 
 def finished(name: str, *arguments: object) -> "subprocess.CompletedProcess[str]":
@@ -74,7 +61,7 @@ def kinect_vo(*arguments: str) -> "subprocess.CompletedProcess[str]":
 
 
 def test_there_is_a_test_for_every_example() -> None:
-    text = Path(__file__).read_text()
+    text = "".join(file.read_text() for file in Path(__file__).parent.glob("test_*.py"))
     assert [file.name for file in EXAMPLES.glob("*.py") if f'("{file.name}"' not in text] == []
 
 

@@ -134,9 +134,11 @@ class CovarianceAccumulator:
     def add(self, estimate: Estimate, T_last_camera: Array) -> None:
         """Add a good estimate, and the 4x4 motion since the last good one."""
         covariance = estimate.covariance
-        self.pose = covariance + transport_covariance(
-            self._reference_covariance, estimate.T_reference_camera
-        )
+        reference = transport_covariance(self._reference_covariance, estimate.T_reference_camera)
+        if estimate.has_biased_error:
+            self.pose = _add_biased(reference, covariance)
+        else:
+            self.pose = covariance + reference
         self.step = (
             covariance
             if self._last_covariance is None
@@ -146,6 +148,16 @@ class CovarianceAccumulator:
         if estimate.is_next_reference:
             self._reference_covariance = self.pose
             self._last_covariance = None
+
+
+def _add_biased(first: Array, second: Array) -> Array:
+    """6x6 of the sum of two errors whose correlation is not known: at most this.
+
+    It is smallest in position, where the standard deviations add up if the covariances are alike.
+    """
+    ratio = np.sqrt(np.trace(second[:3, :3]) / np.trace(first[:3, :3]))
+    total: Array = (1.0 + ratio) * first + (1.0 + 1.0 / ratio) * second
+    return total
 
 
 def _step_covariance(last: Array, this: Array, T_last_this: Array) -> Array:

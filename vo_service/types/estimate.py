@@ -111,6 +111,8 @@ class Estimate:
         inliers: Number of matches that agree with the motion.
         is_reset: Whether the pose is not continuous with the previous one.
         is_next_reference: Whether this frame is the reference of the next motion.
+        has_biased_error: Whether the view hardly constrains a direction: the errors of successive
+            references then have one sign.
         timing: The sensor's timing; None if the odometry takes it as exact.
         focal_length: Of the color camera; None if the odometry takes it as exact.
         depth_noise_per_m: Learned standard deviation of the inverse depth of a pixel, 1/m; None if
@@ -128,6 +130,7 @@ class Estimate:
     inliers: int = 0
     is_reset: bool = False
     is_next_reference: bool = True
+    has_biased_error: bool = False
     timing: OnlineTiming | None = None
     focal_length: OnlineFocalLength | None = None
     depth_noise_per_m: float | None = None

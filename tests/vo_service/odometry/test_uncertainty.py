@@ -1,5 +1,7 @@
 """Accumulated covariance along a chain of motions that share references."""
 
+from dataclasses import replace
+
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -43,6 +45,22 @@ def test_from_frame_to_frame_covariances_accumulate() -> None:
         expected = transport_covariance(expected, T) + STEP
         np.testing.assert_allclose(covariance.pose, expected)
         np.testing.assert_allclose(covariance.step, STEP)
+
+
+def test_biased_errors_add_up_as_standard_deviations() -> None:
+    covariance, T = CovarianceAccumulator(), rigid_transform(np.eye(3), [0.0, 0.0, 0.0])
+    for _ in range(4):
+        covariance.add(replace(motion(T), has_biased_error=True), T)
+    sigmas = np.sqrt(np.diag(covariance.pose))
+    np.testing.assert_allclose(sigmas, 4.0 * SIGMAS, rtol=0.02)
+
+
+def test_a_biased_error_after_others_adds_no_more_than_itself() -> None:
+    covariance, T = CovarianceAccumulator(), np.eye(4)
+    for _ in range(100):
+        covariance.add(motion(T), T)
+    covariance.add(replace(motion(T), has_biased_error=True), T)
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance.pose)), 11.0 * SIGMAS, rtol=0.01)
 
 
 def test_against_one_reference_covariances_do_not_accumulate() -> None:

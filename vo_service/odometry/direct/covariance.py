@@ -37,6 +37,7 @@ from vo_service.odometry.direct.parameters import (
     COVARIANCE_INFLATION,
     MIN_PLANE_OBSERVABILITY,
     MIN_POSE_SIGMAS,
+    MIN_UNBIASED_OBSERVABILITY,
     MIN_VIEW_OBSERVABILITY,
     SLOPE_NOISE,
 )
@@ -96,6 +97,11 @@ class MotionUncertainty:
             MIN_PLANE_OBSERVABILITY if self.is_one_plane else MIN_VIEW_OBSERVABILITY
         )
         return is_constrained
+
+    @property
+    def has_biased_error(self) -> bool:
+        """Whether a direction is constrained, but so little that its error has one sign."""
+        return not self.rejection_reason and self.observability < MIN_UNBIASED_OBSERVABILITY
 
     @property
     def rejection_reason(self) -> str:

@@ -421,6 +421,7 @@ class DirectOdometry:
             T_reference_camera,
             uncertainty.covariance,
             is_next_reference=is_next_reference,
+            has_biased_error=uncertainty.has_biased_error,
         )
 
     def _make_estimate(
@@ -432,6 +433,7 @@ class DirectOdometry:
         covariance: Array | None = None,
         is_reset: bool = False,
         is_next_reference: bool = True,
+        has_biased_error: bool = False,
     ) -> Estimate:
         return Estimate(
             ok=ok,
@@ -444,6 +446,7 @@ class DirectOdometry:
             inliers=int(debug.inlier.sum()),
             is_reset=is_reset,
             is_next_reference=is_next_reference,
+            has_biased_error=has_biased_error,
             depth_noise_per_m=self._depth_noise.measured_per_m,
             debug=debug,
         )

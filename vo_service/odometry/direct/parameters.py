@@ -163,6 +163,10 @@ MIN_VIEW_OBSERVABILITY = 3.0
 # A view of one plane leaves three directions weak: the third smallest ratio is 4.5 to 11 before a
 # bare wall, and at least 16 elsewhere.
 MIN_PLANE_OBSERVABILITY = 12.0
+# Below this ratio a constrained direction is weak: noise pulls each pose towards its keyframe, so
+# errors of successive keyframes have one sign. 3.7 to 7 at the edge of a bare wall; at least 36 in
+# redkitchen and room_desk.
+MIN_UNBIASED_OBSERVABILITY = 7.5
 # Factor for errors that are common to the whole image, which the residuals do not show.
 COVARIANCE_INFLATION = 2.0
 # Lower bound of the pose's sigmas, m and rad: errors of calibration and timing.

@@ -72,6 +72,18 @@ def test_one_plane_leaves_three_directions_open() -> None:
     assert np.all(sigma[3:] < 2.0 * SURE)
 
 
+def test_a_direction_that_is_weak_but_not_open_has_an_error_of_one_sign() -> None:
+    rest = np.full(5, 40.0)
+    seen = {
+        ratio: fuse(np.full(6, SURE), np.array([ratio, *rest]), STEADY)[1] for ratio in (2, 5, 9)
+    }
+    assert {ratio: one.has_biased_error for ratio, one in seen.items()} == {
+        2: False,
+        5: True,
+        9: False,
+    }
+
+
 def test_noise_hardly_moves_a_calm_camera() -> None:
     sigma = np.full(6, 0.05)
     calm, _ = fuse(sigma)

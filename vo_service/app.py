@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from drivers.camera import Clock, PlaybackMode, RgbdCamera
 from drivers.core import CameraError, UserFacingError
+from drivers.core.geometry import T_BODY_CAMERA, Array
 from drivers.core.memory import release_memory
 from drivers.registry import make_reconnecting
 from vo_service.config import Config, ConfigChanges
@@ -103,6 +104,7 @@ class OutputsConfig:
         mcap: MCAP file to record; None: no file.
         trajectory: Trajectory file to write; None: no file.
         scanner: Makes the scanner of an MCAP file or a viewer; None: no scans.
+        T_base_camera: 4x4 pose of the optical camera in the base, for the MCAP file.
         ground_truth: Returns the ground truth for the viewer; called after the first frame.
         wheel_messages: Returns the messages of the wheels since its last call, for the MCAP file.
         log_line: Shows a line with an output's address to the user.
@@ -121,6 +123,7 @@ class OutputsConfig:
     mcap: Path | None = None
     trajectory: Path | None = None
     scanner: "Callable[[], RobotScanner | None] | None" = None
+    T_base_camera: Array = field(default_factory=T_BODY_CAMERA.copy)
     ground_truth: GroundTruthSource = no_ground_truth
     wheel_messages: WheelMessageSource = tuple
     log_line: Callable[[str], None] = logger.info
@@ -286,7 +289,12 @@ def _open_mcap(config: OutputsConfig, path: Path, stack: ExitStack) -> Output:
 
     scanner = None if config.scanner is None else config.scanner()
     recording = open_mcap_recording(
-        path, config.playback_mode, config.ground_truth, config.wheel_messages, scanner
+        path,
+        config.playback_mode,
+        config.ground_truth,
+        config.wheel_messages,
+        scanner,
+        config.T_base_camera,
     )
     return stack.enter_context(closing(recording))
 

@@ -140,6 +140,7 @@ def run(request: ReplayRequest) -> int:
             zenoh=None if request.no_publish else config.zenoh,
             frames=partial(open_frames, config),
             scanner=partial(open_scanner, config),
+            T_base_camera=config.T_base_camera.T_base_camera,
             # An expected subscriber connects to the configured port.
             connect_policy=ConnectOnce if request.wait_for_subscriber else ConnectOnFreePort,
             wait_for_subscriber_s=request.wait_for_subscriber,

@@ -214,6 +214,7 @@ def _make_outputs_config(
         zenoh=None if request.no_publish else config.zenoh,
         frames=partial(open_frames, config),
         scanner=partial(open_scanner, config),
+        T_base_camera=config.T_base_camera.T_base_camera,
         connect_policy=ConnectWithRetry,
         extra_endpoints=endpoints,
         recorder=partial(open_recorder, config, wheel_odometry.open_journal().take),

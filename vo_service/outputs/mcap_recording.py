@@ -18,7 +18,7 @@ from drivers.camera import PlaybackMode
 from drivers.core import UserFacingError
 from drivers.core.bounded_trajectory import SampledPath
 from drivers.core.files import check_suffix, rotate_file
-from drivers.core.geometry import Array, Trajectory, inverse
+from drivers.core.geometry import T_BODY_CAMERA, Array, Trajectory, inverse
 from drivers.core.queues import BlockingQueue, BoundedQueue, DropOldestQueue
 from drivers.core.write_errors import WriteError, check_disk_space, creating, is_disk_full
 from drivers.recording.frame_recorder import FrameRecorder
@@ -82,6 +82,7 @@ def open_mcap_recording(
     ground_truth: GroundTruthSource = no_ground_truth,
     wheel_messages: WheelMessageSource = tuple,
     scanner: RobotScanner | None = None,
+    T_base_camera: Array = T_BODY_CAMERA,
 ) -> "McapOutput":
     """Create the file. In realtime, an existing one is renamed to FILE-0001 and so on.
 
@@ -92,6 +93,8 @@ def open_mcap_recording(
         playback_mode: Lockstep or realtime.
         ground_truth: See `McapOutput`.
         wheel_messages: See `McapOutput`.
+        scanner: See `McapOutput`.
+        T_base_camera: 4x4 pose of the optical camera in the base, for the file.
 
     Raises:
         InputError: No file can have this name, or it exists in lockstep.
@@ -99,7 +102,7 @@ def open_mcap_recording(
     """
     check_suffix(path, [SUFFIX])
     if playback_mode is PlaybackMode.LOCKSTEP:
-        create = partial(_create, path, RESERVED_BYTES)
+        create = partial(_create, path, RESERVED_BYTES, T_base_camera)
         lockstep_queue: BoundedQueue[Item] = BlockingQueue(2)
         return McapOutput(
             path,
@@ -111,23 +114,28 @@ def open_mcap_recording(
             scanner=scanner,
         )
     queue: BoundedQueue[Item] = DropOldestQueue(MAX_QUEUED)
-    create = partial(_create_next, path)
+    create = partial(_create_next, path, T_base_camera)
     return McapOutput(
         path, create, queue, ground_truth, wheel_messages, can_retry=True, scanner=scanner
     )
 
 
-def _create_next(path: Path) -> McapRecorder:
+def _create_next(path: Path, T_base_camera: Array) -> McapRecorder:
     """Rename an existing file to FILE-0001 and so on, if there is space for another one."""
     with creating(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         check_disk_space(path.parent, MIN_FREE_BYTES + MIN_FILE_BYTES)
         rotate_file(path, max_files=sys.maxsize)
-    return _create(path, MIN_FREE_BYTES)
+    return _create(path, MIN_FREE_BYTES, T_base_camera)
 
 
-def _create(path: Path, min_free_bytes: int) -> McapRecorder:
-    file = McapRecordingFile(path, is_base_estimated=True, min_free_bytes=min_free_bytes)
+def _create(path: Path, min_free_bytes: int, T_base_camera: Array) -> McapRecorder:
+    file = McapRecordingFile(
+        path,
+        T_base_camera=T_base_camera,
+        is_base_estimated=True,
+        min_free_bytes=min_free_bytes,
+    )
     return FrameRecorder(file)
 
 
@@ -222,7 +230,6 @@ class McapOutput(FileOutput[Item]):
             _encoded("/vo/odom", ODOMETRY_SCHEMA, update.stamp_s, pose_payload(update, FRAME_IDS)),
         ]
         if self._last_stamp_s is None:
-            recorder.file.T_base_camera = inverse(update.T_odom_base) @ update.T_odom_camera
             recorder.ground_truth = self._published_ground_truth(update)
         messages += self._navigation_messages(update)
         transforms = pose_transforms(update, FRAME_IDS)

@@ -76,7 +76,6 @@ def test_transforms_lead_from_odom_to_the_camera_except_while_lost(
     tmp_path: Path, make_update: MakeUpdate
 ) -> None:
     updates = [make_update(seq) for seq in range(3)]
-    updates[0] = replace(updates[0], T_odom_camera=updates[0].T_odom_base @ T_BODY_CAMERA)
     updates[1] = replace(updates[1], state=TrackingState.LOST)
     record(tmp_path / "a.mcap", updates)
     found = read_messages(tmp_path / "a.mcap")
@@ -87,6 +86,18 @@ def test_transforms_lead_from_odom_to_the_camera_except_while_lost(
     rotation = static.transforms[0].transform.rotation
     np.testing.assert_allclose(np.abs([rotation.x, rotation.y, rotation.z, rotation.w]), 0.5)
     assert found["/tf"][0].transforms[0].header.frame_id == "odom"
+
+
+def test_the_camera_is_mounted_as_told_though_a_planar_base_hides_a_bump(
+    tmp_path: Path, make_update: MakeUpdate
+) -> None:
+    mount = rigid_transform(T_BODY_CAMERA[:3, :3], (0.1, 0.0, 0.6))
+    update, bump = make_update(0), rigid_transform(np.eye(3), (0.0, 0.0, 0.02))
+    update = replace(update, T_odom_camera=bump @ update.T_odom_base @ mount)
+    record(tmp_path / "a.mcap", [update], T_base_camera=mount)
+    (static,) = read_messages(tmp_path / "a.mcap")["/tf_static"]
+    place = static.transforms[0].transform.translation
+    np.testing.assert_allclose([place.x, place.y, place.z], mount[:3, 3])
 
 
 def test_the_ground_truth_begins_at_the_first_pose_of_each_epoch(

@@ -14,7 +14,7 @@ from drivers.core.geometry import STANDARD_GRAVITY_M_S2, Array
 from vo_service.types.level import LevelSource
 
 # Time constant of the corrections by each source, s.
-TIME_S = {LevelSource.FLOOR: 2.0, LevelSource.MOUNT: 10.0, LevelSource.ACCELEROMETER: 15.0}
+TIME_S = {LevelSource.FLOOR: 1.0, LevelSource.MOUNT: 10.0, LevelSource.ACCELEROMETER: 15.0}
 # Standard deviation of the up direction by each source. Depth bends a floor a little; a floor is
 # not even; a Kinect's accelerometer is 0.02 g off until its bias is known.
 SIGMA_RAD = {

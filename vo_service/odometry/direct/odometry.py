@@ -414,15 +414,15 @@ class DirectOdometry:
             last_frame=tracked,
         )
         self._failures = 0
-        return self._make_estimate(
+        estimate = self._make_estimate(
             True,
             result.degradation or degradation_reason(result.alignment),
             make_tracking_debug(result.keyframe, result.alignment),
             T_reference_camera,
             uncertainty.covariance,
             is_next_reference=is_next_reference,
-            has_biased_error=uncertainty.has_biased_error,
         )
+        return replace(estimate, has_biased_error=uncertainty.has_biased_error)
 
     def _make_estimate(
         self,
@@ -433,7 +433,6 @@ class DirectOdometry:
         covariance: Array | None = None,
         is_reset: bool = False,
         is_next_reference: bool = True,
-        has_biased_error: bool = False,
     ) -> Estimate:
         return Estimate(
             ok=ok,
@@ -446,7 +445,6 @@ class DirectOdometry:
             inliers=int(debug.inlier.sum()),
             is_reset=is_reset,
             is_next_reference=is_next_reference,
-            has_biased_error=has_biased_error,
             depth_noise_per_m=self._depth_noise.measured_per_m,
             debug=debug,
         )

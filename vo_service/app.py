@@ -203,7 +203,7 @@ def open_frames(config: Config) -> "list[FrameOutput]":
         frames=config.frames,
         scan=config.scan,
         T_base_camera=config.T_base_camera.T_base_camera,
-        base_frame_id=config.zenoh.child_frame_id,
+        frame_ids=config.ros2,
     )
     return open_frame_outputs(settings, config.zenoh)
 
@@ -216,7 +216,7 @@ def open_scanner(config: Config) -> "RobotScanner | None":
     from vo_service.navigation.robot_scan import RobotScanner
 
     RobotScanner.warm_up()
-    return RobotScanner(config.scan, config.T_base_camera.T_base_camera)
+    return RobotScanner(config.scan, config.T_base_camera.T_base_camera, config.ros2.scan_frame_id)
 
 
 def open_recorder(config: Config, wheel_messages: WheelMessageSource = tuple) -> Recorder:

@@ -17,6 +17,7 @@ from drivers.registry import CAMERA_USAGES, CAMERAS
 from drivers.synthetic.config import SyntheticConfig
 from vo_service.config_tables import (
     CommandConfig,
+    FrameIds,
     FramesConfig,
     LoadConfig,
     LogConfig,
@@ -182,6 +183,7 @@ class Config:
     zenoh: ZenohConfig = ZenohConfig()  # noqa: RUF009 (frozen)
     frames: FramesConfig = FramesConfig()  # noqa: RUF009 (frozen)
     scan: ScanConfig = ScanConfig()  # noqa: RUF009 (frozen)
+    ros2: FrameIds = FrameIds()  # noqa: RUF009 (frozen)
     commands: CommandConfig = CommandConfig()  # noqa: RUF009 (frozen)
     wheel_odometry: WheelOdometryConfig = WheelOdometryConfig()  # noqa: RUF009 (frozen)
     rerun: RerunConfig = RerunConfig()  # noqa: RUF009 (frozen)

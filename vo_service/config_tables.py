@@ -132,24 +132,33 @@ class ZenohConfig:
         "a Zenoh configuration (JSON5), for TLS and access control. `listen`, `connect` and "
         "disabled scouting apply unless the file sets them",
     ] = None
-    odom_frame_id: Annotated[str, "parent frame of the poses"] = "odom"
-    child_frame_id: Annotated[str, "child frame of the poses: the robot's base"] = "base_link"
-    map_frame_id: Annotated[str, "fixed frame of the map, parent of `odom`"] = "map"
 
     def __post_init__(self) -> None:
         check_prefix(self.prefix)
-        frames: set[str] = {""}
-        for key in ("odom_frame_id", "child_frame_id", "map_frame_id"):
-            frame = getattr(self, key)
-            if frame in frames:
-                raise FieldError(
-                    (key,),
-                    f"{frame!r} is empty or the name of another frame; odom_frame_id, "
-                    "child_frame_id and map_frame_id must be three different names",
-                )
-            frames.add(frame)
         if len(set(self.listen)) < len(self.listen):
             raise FieldError(("listen",), "has the same endpoint twice; remove one")
+
+
+@dataclass(frozen=True)
+class FrameIds:
+    """`[ros2]`: names of the frames in all messages, as ROS has them."""
+
+    odom_frame_id: Annotated[str, "parent frame of the poses"] = "odom"
+    base_frame_id: Annotated[str, "child frame of the poses: the robot's base"] = "base_link"
+    map_frame_id: Annotated[str, "fixed frame of the map, parent of `odom_frame_id`"] = "map"
+    camera_frame_id: Annotated[str, "frame of images and points, optical axes"] = (
+        "camera_rgb_optical_frame"
+    )
+    scan_frame_id: Annotated[str, "frame of the scan: level, below the camera"] = "camera_scan"
+
+    def __post_init__(self) -> None:
+        names: set[str] = {""}
+        for key, name in vars(self).items():
+            if name in names:
+                raise FieldError(
+                    (key,), f"{name!r} is empty or the name of another frame; give another name"
+                )
+            names.add(name)
 
 
 def check_prefix(prefix: str) -> str:
@@ -183,9 +192,6 @@ class FramesConfig:
     point_stride: Annotated[
         int, Field("every n-th pixel of every n-th row is a point", minimum=1, maximum=32)
     ] = 2
-    frame_id: Annotated[str, "frame of images and points, optical axes"] = (
-        "camera_rgb_optical_frame"
-    )
 
 
 @dataclass(frozen=True)
@@ -214,7 +220,6 @@ class ScanConfig:
     angle_increment_deg: Annotated[
         float, Field("angle between two ranges, degrees", minimum=0.1, maximum=5.0)
     ] = 0.5
-    frame_id: Annotated[str, "frame of the scan: level, below the camera"] = "camera_scan"
 
     def __post_init__(self) -> None:
         if self.range_max_m <= self.range_min_m:

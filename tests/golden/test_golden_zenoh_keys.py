@@ -16,7 +16,6 @@ from vo_service.outputs.zenoh.session_endpoints import (
     SessionEndpoints,
     make_command_endpoint,
 )
-from vo_service.types.messages import FrameIds
 
 pytestmark = pytest.mark.zenoh
 
@@ -64,7 +63,6 @@ def declared() -> Declared:
     """What a service with default settings declares."""
     programme = EndpointConfig(
         "kinect",
-        FrameIds("odom", "base_link", "map"),
         zenoh.CongestionControl.DROP,
         Queryables("kinect", LatestMessages()),
         ExtraEndpoints(make_command_endpoint(CommandConfig(), CommandQueue())),

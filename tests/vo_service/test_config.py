@@ -30,8 +30,9 @@ prefix = "robot1/kinect"
 listen = []
 connect = ["tcp/192.168.1.2:7447"]
 config_file = "zenoh.json5"
+[ros2]
 odom_frame_id = "o"
-child_frame_id = "b"
+base_frame_id = "b"
 [rerun]
 targets = ["serve", "run.rrd"]
 [synthetic]
@@ -96,7 +97,7 @@ def test_every_table_is_read(tmp_path: Path) -> None:
     assert (config.odometry.feature_count, config.odometry.upright) == (500, True)
     assert (config.zenoh.prefix, config.zenoh.listen) == ("robot1/kinect", ())
     assert config.zenoh.connect == ("tcp/192.168.1.2:7447",)
-    assert (config.zenoh.odom_frame_id, config.zenoh.child_frame_id) == ("o", "b")
+    assert (config.ros2.odom_frame_id, config.ros2.base_frame_id) == ("o", "b")
     assert config.rerun.targets == ("serve", "run.rrd")
     assert (config.synthetic.seed, config.synthetic.duration_s) == (7, 2.0)
     assert config.synthetic.color.noise_sigma == 0.0
@@ -170,8 +171,8 @@ def test_a_wrong_key_is_reported_with_its_line(
         ("T_base_camera", "quaternion_xyzw = [0, 0, 0, 0]", "must have length 1, as x y z w"),
         ("T_base_camera", "quaternion_xyzw = [1, 1, 1, 1]", "must have length 1, as x y z w"),
         ("zenoh", 'prefix = "/kinect"', "without a slash at either end"),
-        ("zenoh", 'odom_frame_id = ""', "must be three different names"),
-        ("zenoh", 'child_frame_id = "odom"', "must be three different names"),
+        ("ros2", 'odom_frame_id = ""', "is empty or the name of another frame"),
+        ("ros2", 'base_frame_id = "odom"', "is empty or the name of another frame"),
         ("zenoh", 'listen = ["tcp/[::1]:1", "tcp/[::1]:1"]', "the same endpoint twice"),
         ("synthetic", "duration_s = 0.01", "must hold at least one frame"),
     ],

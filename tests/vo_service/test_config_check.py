@@ -51,7 +51,7 @@ def test_all_defaults_are_valid(tmp_path: Path) -> None:
         ('[zenoh]\nlisten = ["tls/127.0.0.1:7450"]', "to listen with TLS"),
         ('[zenoh]\nconfig_file = "/none.json5"', "/none.json5: cannot be read"),
         ('[zenoh]\nprefix = "/a"', "zenoh prefix '/a': use names"),
-        ('[zenoh]\nmap_frame_id = "odom"', "'odom' is empty or the name of another frame"),
+        ('[ros2]\nmap_frame_id = "odom"', "'odom' is empty or the name of another frame"),
         ('[zenoh]\nlisten = ["tcp/[::1]:1", "tcp/[::1]:1"]', "has the same endpoint twice"),
         ('[outputs]\nmcap = "a.txt"', "a.txt: the file name must end in .mcap"),
         ('[outputs]\nextra = ["email"]', "output 'email' is unknown"),

@@ -45,6 +45,7 @@ from vo_service.outputs.progress import ProgressOutput
 from vo_service.outputs.trajectory.trajectory_file import TrajectoryRecorder
 from vo_service.outputs.zenoh.free_port import ConnectOnFreePort
 from vo_service.outputs.zenoh.output import ConnectOnce
+from vo_service.outputs.zenoh.session_endpoints import ExtraEndpoints
 from vo_service.signals import stop_on_signals
 from vo_service.terminal import Terminal, announce_if_slow
 from vo_service.tools.evaluation.run_summary import RunSummary
@@ -138,6 +139,7 @@ def run(request: ReplayRequest) -> int:
         outputs_config = OutputsConfig(
             playback_mode=request.pace,
             zenoh=None if request.no_publish else config.zenoh,
+            extra_endpoints=ExtraEndpoints(frame_ids=config.ros2),
             frames=partial(open_frames, config),
             scanner=partial(open_scanner, config),
             T_base_camera=config.T_base_camera.T_base_camera,

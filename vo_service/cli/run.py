@@ -167,7 +167,7 @@ def _serve(
         make_wheel_subscription(config, wheel_odometry),
         make_velocity_subscription(config, camera, velocities),
     )
-    endpoints = ExtraEndpoints(commands, subscriptions)
+    endpoints = ExtraEndpoints(commands, config.ros2, subscriptions)
     reloader = ConfigReloader(config, request.load)
     outputs_config = _make_outputs_config(request, config, endpoints, wheel_odometry, terminal)
     with (

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import T_BODY_CAMERA, Array
 from drivers.ros_messages.sensors import LaserScanMessage
-from vo_service.config_tables import ScanConfig
+from vo_service.config_tables import FrameIds, ScanConfig
 from vo_service.navigation.depth_rays import tiny_frame
 from vo_service.navigation.height_limits import height_band, mounting_problem
 from vo_service.navigation.level_view import LevelMounting
@@ -30,19 +30,20 @@ class RobotScanner:
     Args:
         config: Heights, ranges and angles.
         T_base_camera: 4x4 pose of the optical camera in the base, which stands on the floor.
+        frame_id: Name of the scan's frame.
     """
 
-    def __init__(self, config: ScanConfig, T_base_camera: Array) -> None:
-        self._config = config
+    def __init__(
+        self,
+        config: ScanConfig,
+        T_base_camera: Array,
+        frame_id: str = FrameIds().scan_frame_id,
+    ) -> None:
+        self._config, self.frame_id = config, frame_id
         self._problem = mounting_problem(config, T_base_camera)
         self._last_stamp_s = 0.0
         self._mounting = LevelMounting(T_base_camera)
         self._scanner = Scanner(np.radians(config.angle_increment_deg))
-
-    @property
-    def frame_id(self) -> str:
-        """Name of the scan's frame."""
-        return self._config.frame_id
 
     @property
     def T_base_scan(self) -> Array:

@@ -38,11 +38,10 @@ from drivers.ros_messages.sensors import (
     encode_laser_scan,
     encode_point_cloud,
 )
-from vo_service.config_tables import MIN_FREE_BYTES
+from vo_service.config_tables import MIN_FREE_BYTES, FrameIds
 from vo_service.navigation.robot_scan import RobotScanner
 from vo_service.outputs.file_output import FileOutput
 from vo_service.types.messages import (
-    FrameIds,
     Status,
     encode_message,
     grid_payload,
@@ -63,7 +62,7 @@ logger = logging.getLogger(__name__)
 McapRecorder = FrameRecorder[McapRecordingFile]
 
 SUFFIX = ".mcap"
-FRAME_IDS = FrameIds("odom", BASE_FRAME, "map")
+FRAME_IDS = FrameIds(base_frame_id=BASE_FRAME)
 # A slow disk has a second besides, in the recorder.
 MAX_QUEUED = 8
 # A file that is begun has room for this: not many small ones on a disk that is nearly full.
@@ -235,7 +234,7 @@ class McapOutput(FileOutput[Item]):
         transforms = pose_transforms(update, FRAME_IDS)
         if transforms:
             if self._scanner is not None:
-                frames = FRAME_IDS.child_frame_id, self._scanner.frame_id
+                frames = FRAME_IDS.base_frame_id, self._scanner.frame_id
                 transforms.append(
                     TransformMessage(update.stamp_s, *frames, self._scanner.T_base_scan)
                 )
@@ -265,7 +264,7 @@ class McapOutput(FileOutput[Item]):
         if points is None:
             return []
         colors = np.full((len(points), 3), PATH_COLOR_BGR, np.uint8)
-        cloud = PointCloudMessage(update.stamp_s, FRAME_IDS.frame_id, points, colors)
+        cloud = PointCloudMessage(update.stamp_s, FRAME_IDS.odom_frame_id, points, colors)
         data = encode_point_cloud(cloud)
         return [_encoded("/vo/path", POINT_CLOUD_SCHEMA, update.stamp_s, data)]
 
@@ -282,7 +281,9 @@ class McapOutput(FileOutput[Item]):
         if update.epoch != self._world_epoch:
             return []
         return [
-            TransformMessage(update.stamp_s, FRAME_IDS.frame_id, WORLD_FRAME, self._T_odom_world)
+            TransformMessage(
+                update.stamp_s, FRAME_IDS.odom_frame_id, WORLD_FRAME, self._T_odom_world
+            )
         ]
 
     def _published_ground_truth(self, update: OdometryUpdate) -> Trajectory | None:

@@ -25,6 +25,7 @@ from drivers.ros_messages.navigation import (
     encode_odometry,
     encode_transform,
 )
+from vo_service.config_tables import FrameIds
 from vo_service.types.commands import ErrorCode
 from vo_service.types.estimate import OnlineFocalLength, OnlineTiming
 from vo_service.types.level import LevelSource
@@ -296,15 +297,6 @@ def encode_message(message: Any, extra_fields: JsonObject | None = None) -> byte
     return json.dumps(content, allow_nan=False).encode()
 
 
-@dataclass(frozen=True)
-class FrameIds:
-    """ROS names of the odom frame, the base frame and the map frame."""
-
-    frame_id: str
-    child_frame_id: str
-    map_frame_id: str
-
-
 def pose_payload(update: OdometryUpdate, frame_ids: FrameIds) -> bytes:
     """Encode the pose as CDR ``nav_msgs/msg/Odometry``.
 
@@ -314,8 +306,8 @@ def pose_payload(update: OdometryUpdate, frame_ids: FrameIds) -> bytes:
     return encode_odometry(
         OdometryMessage(
             stamp_s=update.stamp_s,
-            frame_id=frame_ids.frame_id,
-            child_frame_id=frame_ids.child_frame_id,
+            frame_id=frame_ids.odom_frame_id,
+            child_frame_id=frame_ids.base_frame_id,
             T_frame_child=update.T_odom_base,
             pose_covariance=update.pose_covariance,
             twist=update.twist,
@@ -331,8 +323,8 @@ def pose_attachment(update: OdometryUpdate) -> bytes:
 
 def map_odom_transform(update: OdometryUpdate, frame_ids: FrameIds) -> TransformMessage:
     """Make the map->odom transform at the stamp of this pose."""
-    T_map_odom = update.map.T_map_odom
-    return TransformMessage(update.stamp_s, frame_ids.map_frame_id, frame_ids.frame_id, T_map_odom)
+    names = frame_ids.map_frame_id, frame_ids.odom_frame_id
+    return TransformMessage(update.stamp_s, *names, update.map.T_map_odom)
 
 
 def pose_transforms(update: OdometryUpdate, frame_ids: FrameIds) -> list[TransformMessage]:
@@ -344,7 +336,7 @@ def pose_transforms(update: OdometryUpdate, frame_ids: FrameIds) -> list[Transfo
     if update.state is TrackingState.LOST:
         return []
     base = TransformMessage(
-        update.stamp_s, frame_ids.frame_id, frame_ids.child_frame_id, update.T_odom_base
+        update.stamp_s, frame_ids.odom_frame_id, frame_ids.base_frame_id, update.T_odom_base
     )
     is_map_known = update.map is not NO_MAP and update.is_localized
     if not is_map_known or not np.all(np.isfinite(update.map.T_map_odom)):

@@ -106,7 +106,7 @@ class TlsRobot:
             BaseSubscription(key(config.prefix), self.base_messages.append).declare
             for key in (wheel_key, velocity_key)
         )
-        endpoints = ExtraEndpoints(commands, subscriptions)
+        endpoints = ExtraEndpoints(commands, subscriptions=subscriptions)
         self._output = ZenohOutput(config, extra_endpoints=endpoints)
 
     @property

@@ -9,14 +9,15 @@ import pytest
 from drivers.core.geometry import rigid_transform
 from tests.vo_service.outputs.conftest import make_update
 from tests.vo_service.sample_map import make_map
+from vo_service.config_tables import FrameIds
 from vo_service.types.map_snapshot import NO_MAP, MapSnapshot
-from vo_service.types.messages import FrameIds, pose_transforms
+from vo_service.types.messages import pose_transforms
 from vo_service.types.odometry_update import OdometryUpdate
 
 __all__ = ["make_update"]
 
 MakeUpdate = Callable[..., OdometryUpdate]
-FRAMES = FrameIds("odom", "base_link", "map")
+FRAMES = FrameIds()
 
 
 def transforms(update: OdometryUpdate) -> list[tuple[str, str, float]]:

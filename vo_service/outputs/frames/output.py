@@ -11,7 +11,7 @@ from drivers.core.geometry import Array
 from drivers.core.queues import DropOldestQueue, WorkerThread
 from drivers.core.rate_limits import Throttle
 from drivers.ros_messages.navigation import TRANSFORMS_SCHEMA, TransformMessage, encode_transforms
-from vo_service.config_tables import FramesConfig, ScanConfig, ZenohConfig
+from vo_service.config_tables import FrameIds, FramesConfig, ScanConfig, ZenohConfig
 from vo_service.navigation.robot_scan import RobotScanner
 from vo_service.outputs.frames.camera_transforms import camera_transforms
 from vo_service.outputs.frames.publishers import FrameTopicPublisher
@@ -32,16 +32,16 @@ class FrameOutputConfig:
 
     Attributes:
         prefix: Prefix of the keys.
-        frames: Rate, coding and frame of the camera.
+        frames: Rate and coding.
         scan: Heights and ranges of the scan.
         T_base_camera: 4x4 pose of the optical camera in the base.
-        base_frame_id: Frame of the base.
+        frame_ids: Names of the frames.
     """
 
     prefix: str
     frames: FramesConfig
     T_base_camera: Array
-    base_frame_id: str = "base_link"
+    frame_ids: FrameIds = FrameIds()  # noqa: RUF009 (frozen)
     scan: ScanConfig = ScanConfig()  # noqa: RUF009 (frozen)
 
 
@@ -61,7 +61,9 @@ class FrameOutput(OutputBase):
     def __init__(self, config: FrameOutputConfig) -> None:
         self._config = config
         self._has_images = config.frames.enabled is not False
-        self._topics = make_topics(config.frames) if self._has_images else []
+        self._topics = (
+            make_topics(config.frames, config.frame_ids.camera_frame_id) if self._has_images else []
+        )
         self._scanner: RobotScanner | None = None
         if config.scan.enabled is not False:
             self._scanner = _open_scanner(config)
@@ -88,16 +90,16 @@ class FrameOutput(OutputBase):
         self._static_transforms.put(encode_transforms(self._transforms()))
 
     def _transforms(self) -> list[TransformMessage]:
-        config, stamp_s = self._config, time.time()
+        config, names, stamp_s = self._config, self._config.frame_ids, time.time()
         transforms: list[TransformMessage] = []
         if self._has_images:
             transforms += camera_transforms(
-                stamp_s, config.base_frame_id, config.frames.frame_id, config.T_base_camera
+                stamp_s, names.base_frame_id, names.camera_frame_id, config.T_base_camera
             )
         if self._scanner is not None:
             T_base_scan = self._scanner.T_base_scan
             transforms.append(
-                TransformMessage(stamp_s, config.base_frame_id, config.scan.frame_id, T_base_scan)
+                TransformMessage(stamp_s, names.base_frame_id, names.scan_frame_id, T_base_scan)
             )
         return transforms
 
@@ -139,7 +141,7 @@ class FrameOutput(OutputBase):
 def _open_scanner(config: FrameOutputConfig) -> RobotScanner:
     """Open the scanner with its kernels."""
     RobotScanner.warm_up()
-    return RobotScanner(config.scan, config.T_base_camera)
+    return RobotScanner(config.scan, config.T_base_camera, config.frame_ids.scan_frame_id)
 
 
 def open_frame_outputs(config: FrameOutputConfig, zenoh_config: ZenohConfig) -> list[FrameOutput]:

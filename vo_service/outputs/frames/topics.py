@@ -43,11 +43,16 @@ class FrameTopic:
     encode: Encoder
 
 
-def make_topics(settings: FramesConfig) -> list[FrameTopic]:
-    """Make the topics, in the order in which a frame is sent: small messages first."""
+def make_topics(settings: FramesConfig, frame_id: str) -> list[FrameTopic]:
+    """Make the topics, in the order in which a frame is sent: small messages first.
+
+    Args:
+        settings: Coding of the images, and stride of the points.
+        frame_id: Frame of images and points.
+    """
 
     def messages(update: OdometryUpdate) -> FrameMessages:
-        return FrameMessages(update.frame, update.stamp_s, settings.frame_id)
+        return FrameMessages(update.frame, update.stamp_s, frame_id)
 
     def camera_info(update: OdometryUpdate) -> list[bytes]:
         return [encode_camera_info(messages(update).camera_info())]
@@ -69,7 +74,7 @@ def make_topics(settings: FramesConfig) -> list[FrameTopic]:
 
     return [
         FrameTopic("timing", "", lambda update: [timing_payload(update)]),
-        FrameTopic("imu", IMU_SCHEMA, ImuEncoder(settings.frame_id)),
+        FrameTopic("imu", IMU_SCHEMA, ImuEncoder(frame_id)),
         FrameTopic("color/camera_info", CAMERA_INFO_SCHEMA, camera_info),
         FrameTopic("depth/camera_info", CAMERA_INFO_SCHEMA, camera_info),
         FrameTopic("color/image", IMAGE_SCHEMA, color),

@@ -27,7 +27,6 @@ from vo_service.outputs.zenoh.session_endpoints import (
 )
 from vo_service.types.map_snapshot import NO_MAP, MapSnapshot
 from vo_service.types.messages import (
-    FrameIds,
     Status,
     encode_message,
     grid_payload,
@@ -237,7 +236,6 @@ class ZenohOutput:
         self._latest = LatestMessages()
         self._endpoint_config = EndpointConfig(
             prefix=config.prefix,
-            frame_ids=FrameIds(config.odom_frame_id, config.child_frame_id, config.map_frame_id),
             congestion=qos.congestion,
             queryables=Queryables(config.prefix, self._latest),
             extra=self._extra,
@@ -298,7 +296,7 @@ class ZenohOutput:
         self._error = ""
 
     def _publish_pose(self, update: OdometryUpdate) -> None:
-        payload = pose_payload(update, self._endpoint_config.frame_ids)
+        payload = pose_payload(update, self._extra.frame_ids)
         attachment = pose_attachment(update)
         self._latest.pose = (payload, attachment)
         for endpoints in self._endpoints:
@@ -311,7 +309,7 @@ class ZenohOutput:
 
     def _publish_map(self, update: OdometryUpdate) -> None:
         """Store the transform with the newest stamp; publish it if the map or epoch changed."""
-        payload = map_odom_payload(update, self._endpoint_config.frame_ids)
+        payload = map_odom_payload(update, self._extra.frame_ids)
         self._latest.map_odom = (payload, map_odom_attachment(update))
         current = (update.map, update.epoch)
         if current != self._published_map:
@@ -321,7 +319,7 @@ class ZenohOutput:
     def _publish_grid(self, update: OdometryUpdate) -> None:
         """Store and publish a changed occupancy grid."""
         self._published_grid = update.grid
-        self._latest.grid = grid_payload(update, self._endpoint_config.frame_ids)
+        self._latest.grid = grid_payload(update, self._extra.frame_ids)
         for endpoints in self._endpoints:
             endpoints.publish_grid(self._latest.grid)
 

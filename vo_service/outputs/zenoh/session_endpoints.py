@@ -18,7 +18,7 @@ import zenoh.ext
 from drivers.core.queues import BlockingQueue, WorkerThread
 from drivers.core.rate_limits import TokenBucket
 from drivers.ros_messages.navigation import OCCUPANCY_GRID_SCHEMA, ODOMETRY_SCHEMA, TRANSFORM_SCHEMA
-from vo_service.config_tables import CommandConfig
+from vo_service.config_tables import CommandConfig, FrameIds
 from vo_service.control import CommandFuture, CommandQueue
 from vo_service.outputs.zenoh.session import declare_latched_publisher
 from vo_service.types.commands import (
@@ -28,7 +28,7 @@ from vo_service.types.commands import (
     NotPossibleError,
     parse_command,
 )
-from vo_service.types.messages import MESSAGE_SCHEMA, ErrorReply, FrameIds, encode_message
+from vo_service.types.messages import MESSAGE_SCHEMA, ErrorReply, encode_message
 from vo_service.types.odometry_update import OdometryUpdate
 
 logger = logging.getLogger(__name__)
@@ -324,12 +324,14 @@ class ExtraEndpoints:
 
     Attributes:
         commands: Receives commands.
+        frame_ids: Names of the frames in the messages.
         subscriptions: Called with each new session; each subscribes and returns its threads.
         on_session: Called with each new session, to declare more on it.
         on_pose: Called with each update once its pose is sent, on the thread that sends poses.
     """
 
     commands: CommandEndpoint = field(default_factory=NullCommandEndpoint)
+    frame_ids: FrameIds = FrameIds()  # noqa: RUF009 (frozen)
     subscriptions: Sequence[Subscribe] = ()
     on_session: Callable[[zenoh.Session], None] = lambda _: None
     on_pose: Callable[[OdometryUpdate], None] = lambda _: None
@@ -340,7 +342,6 @@ class EndpointConfig:
     """Configuration of the endpoints on one session."""
 
     prefix: str
-    frame_ids: FrameIds
     congestion: zenoh.CongestionControl
     queryables: Queryables
     extra: ExtraEndpoints

@@ -10,7 +10,7 @@ import numpy as np
 from drivers.camera import AccelerometerReading
 from drivers.core.geometry import T_BODY_CAMERA, rigid_transform
 from tests.vo_service.outputs.zenoh.query_helpers import config
-from vo_service.config_tables import FramesConfig
+from vo_service.config_tables import FrameIds, FramesConfig
 from vo_service.outputs.frames.output import FrameOutput, FrameOutputConfig
 from vo_service.outputs.zenoh.output import ZenohOutput
 from vo_service.outputs.zenoh.session_endpoints import ExtraEndpoints
@@ -25,8 +25,16 @@ MakeUpdate = Callable[..., OdometryUpdate]
 class Robot:
     """The outputs of poses and frames on one session."""
 
-    def __init__(self, port: int, make_update: MakeUpdate, **frames: Any) -> None:
-        settings = FrameOutputConfig("kinect", FramesConfig(**frames), T_BASE_CAMERA, "base_link")
+    def __init__(
+        self,
+        port: int,
+        make_update: MakeUpdate,
+        frame_ids: FrameIds = FrameIds(),  # noqa: B008 (frozen)
+        **frames: Any,
+    ) -> None:
+        settings = FrameOutputConfig(
+            "kinect", FramesConfig(**frames), T_BASE_CAMERA, frame_ids=frame_ids
+        )
         self.frames = FrameOutput(settings)
         self.poses = ZenohOutput(
             config(port),

@@ -13,6 +13,7 @@ from drivers.ros_messages.navigation import TRANSFORMS_SCHEMA
 from tests.vo_service.outputs.frames.frame_robot import T_BASE_CAMERA, MakeUpdate, running_robot
 from tests.vo_service.outputs.zenoh.query_helpers import connected_session
 from tests.waiting import wait_until
+from vo_service.config_tables import FrameIds
 from vo_service.outputs.frames.camera_transforms import camera_transforms
 
 ROS = get_typestore(Stores.ROS2_JAZZY)
@@ -61,7 +62,7 @@ def test_a_frame_of_another_name_gets_one_transform(
     free_port: int, make_update: MakeUpdate
 ) -> None:
     with (
-        running_robot(free_port, make_update, frame_id="front"),
+        running_robot(free_port, make_update, frame_ids=FrameIds(camera_frame_id="front")),
         connected_session(free_port) as session,
     ):
         assert late_transforms(session).keys() == {

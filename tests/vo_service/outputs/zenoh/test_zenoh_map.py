@@ -19,7 +19,9 @@ from tests.vo_service.outputs.zenoh.query_helpers import (
 )
 from tests.vo_service.sample_map import make_map
 from tests.waiting import wait_until
+from vo_service.config_tables import FrameIds
 from vo_service.outputs.zenoh.output import LOCKSTEP_QOS, ZenohOutput
+from vo_service.outputs.zenoh.session_endpoints import ExtraEndpoints
 from vo_service.types.messages import Status
 from vo_service.types.odometry_update import OdometryUpdate
 
@@ -168,8 +170,12 @@ def test_a_map_transform_that_is_not_finite_is_not_published_but_its_pose_is(
 def test_the_frame_names_are_those_of_the_configuration(
     free_port: int, make_update: MakeUpdate
 ) -> None:
-    named = config(free_port, map_frame_id="house", odom_frame_id="robot1/odom")
-    with closing(ZenohOutput(named)) as output, connected_session(free_port) as session:
+    names = FrameIds(map_frame_id="house", odom_frame_id="robot1/odom")
+    extras = ExtraEndpoints(frame_ids=names)
+    with (
+        closing(ZenohOutput(config(free_port), extra_endpoints=extras)) as output,
+        connected_session(free_port) as session,
+    ):
         output.on_update(replace(make_update(0), map=make_map()))
         wait_until(lambda: seq_of(query(session, KEY)) == 0)
         (reply,) = query(session, KEY)

@@ -12,7 +12,6 @@ from vo_service.outputs.zenoh.session_endpoints import (
     Queryables,
     SessionEndpoints,
 )
-from vo_service.types.messages import FrameIds
 
 pytestmark = pytest.mark.zenoh
 
@@ -20,7 +19,6 @@ pytestmark = pytest.mark.zenoh
 def test_a_token_that_cannot_be_undeclared_keeps_nothing_else_open() -> None:
     config = EndpointConfig(
         "kinect",
-        FrameIds("odom", "base_link", "map"),
         zenoh.CongestionControl.DROP,
         Queryables("kinect", LatestMessages()),
         ExtraEndpoints(),

@@ -73,6 +73,7 @@ def named_options(path: str) -> Iterator[tuple[str, tuple[str, ...]]]:
     printers = next((found for part, found in PRINTED_BY.items() if path.startswith(part)), ())
     for text in texts(ast.parse((ROOT / path).read_text())):
         own_text = re.sub(rf"\b({OTHER_PROGRAMS}) [^;]*", "", text)
+        own_text = re.sub(r" -- .*", "", own_text)  # handed on
         if " " not in own_text.strip():
             continue  # an argument of another program, or a declaration
         for sentence in re.split(r"(?=kinect-vo [a-z-]+)|[;()\n`]", own_text):

@@ -1,6 +1,7 @@
 """Topics of ROS that are passed on to kinect-vo."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 
 import zenoh
@@ -48,12 +49,16 @@ class Inputs:
 
     def _send(self, name: str, payload: bytes) -> None:
         if (session := self.get_session()) is not None:
-            session.put(f"{self.settings.prefix}/{name}", payload)
+            with suppress(zenoh.ZError):  # the session has closed
+                session.put(f"{self.settings.prefix}/{name}", payload)
 
     def _warn_of_second_transform(self, payload: bytes) -> None:
         """Warn if the driver of the wheels may publish the same transform as this node."""
-        transform = read_transform(payload)
-        frame_ids = (transform.frame_id.decode(), transform.child_frame_id.decode())
+        try:
+            transform = read_transform(payload)
+            frame_ids = (transform.frame_id.decode(), transform.child_frame_id.decode())
+        except ValueError:  # kinect-vo reports it
+            return
         if self.settings.publish_tf and frame_ids == self.get_frame_ids():
             parent, child = frame_ids
             self.node.get_logger().warning(

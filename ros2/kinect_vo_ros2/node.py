@@ -23,6 +23,7 @@ from kinect_vo_ros2.topics import Topic, frame_topics
 from kinect_vo_ros2.zenoh_sessions import PersistentSession
 
 DIAGNOSTICS_PERIOD_S = 1.0
+STATUS_SCHEMA = 1
 # How often the number of readers of each topic is asked for: humble has no event for it.
 DEMAND_PERIOD_S = 0.2
 
@@ -113,8 +114,15 @@ class KinectVoNode:
                 relay.update(session)
 
     def _on_status(self, sample: zenoh.Sample) -> None:
-        self._status = json.loads(sample.payload.to_bytes())
-        self._status_s = time.monotonic()
+        status = json.loads(sample.payload.to_bytes())
+        if status.get("schema") != STATUS_SCHEMA:
+            self.node.get_logger().error(
+                f"the status has version {status.get('schema')}, but this node reads only "
+                f"{STATUS_SCHEMA}; install the version of kinect-vo",
+                throttle_duration_sec=60.0,
+            )
+            return
+        self._status, self._status_s = status, time.monotonic()
 
     def _publish_diagnostics(self) -> None:
         age_s = time.monotonic() - self._status_s

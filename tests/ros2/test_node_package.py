@@ -1,10 +1,13 @@
 """The distribution of the node: what ROS's tools look for in an environment."""
 
 import re
+import runpy
 import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 from xml.etree import ElementTree
 
 import pytest
@@ -41,6 +44,34 @@ def test_the_example_of_parameters_has_the_defaults() -> None:
     assert {name: value.strip('"') for name, value in written} == defaults | {
         "connect": DEFAULT_ENDPOINT
     }
+
+
+def test_the_launch_file_starts_the_node_with_the_parameters_beside_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """ROS's launch is not on PyPI: its classes are replaced by one that keeps what it is given."""
+    classes = {
+        "launch": ["LaunchDescription"],
+        "launch.actions": ["DeclareLaunchArgument"],
+        "launch.substitutions": ["LaunchConfiguration"],
+        "launch_ros.actions": ["Node"],
+    }
+    for name in [*classes, "launch_ros"]:
+        module = ModuleType(name)
+        vars(module).update(dict.fromkeys(classes.get(name, ()), Recorded))
+        monkeypatch.setitem(sys.modules, name, module)
+    description = runpy.run_path(str(AMENT / "share/kinect_vo/launch/kinect_vo.launch.py"))
+    ((parameters, _namespace, node),) = description["generate_launch_description"]().values
+    assert Path(parameters.options["default_value"]).name == "kinect_vo.yaml"
+    assert Path(parameters.options["default_value"]).exists()
+    assert (node.options["package"], node.options["executable"]) == ("kinect_vo", "node")
+
+
+class Recorded:
+    """Keeps its arguments."""
+
+    def __init__(self, *values: Any, **options: Any) -> None:
+        self.values, self.options = values, options
 
 
 @pytest.fixture(scope="module")

@@ -153,6 +153,19 @@ def test_the_base_reaches_kinect_vo(
     assert received == [payload]
 
 
+def test_what_cannot_be_read_does_not_end_the_node(port: int, service: KinectVo, ros: Ros) -> None:
+    with ros.node(port) as node, ros.reader(1000, "/odom=nav_msgs/Odometry") as reader:
+        node.wait_for_line("connected")
+        ros.run("send", "/wheel_odom", "nav_msgs/Odometry", "00000000ff")
+        service.session.put("kinect/status", b'{"schema": 2}')
+        node.wait_for_line("the status has version 2, but this node reads only 1")
+        service.session.put("kinect/odom", b"no pose")
+        service.session.put("kinect/map_odom", b"no map")
+        count = len(reader.messages["/odom"])
+        wait_until(lambda: len(reader.messages["/odom"]) > count + 30)
+        assert node.process.poll() is None
+
+
 @pytest.mark.parametrize("distribution", ["jazzy"])
 def test_another_distribution_reads_the_node(
     port: int, service: KinectVo, ros: Ros, distribution: str

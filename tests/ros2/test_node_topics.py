@@ -1,5 +1,7 @@
 """Topics of the node, read by a real rclpy in another process."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import zenoh
@@ -17,6 +19,8 @@ from tests.ros2.running_node import Ros
 from tests.vo_service.outputs.zenoh.query_helpers import connected_session
 from tests.vo_service.sample_map import make_map
 from tests.waiting import wait_until
+from vo_service.config_tables import FrameIds
+from vo_service.types.messages import pose_attachment, pose_payload
 from vo_service.types.occupancy_grid import FREE, OCCUPIED, OccupancyGrid
 
 pytestmark = [pytest.mark.zenoh, pytest.mark.subprocess]
@@ -102,6 +106,26 @@ def test_the_map_has_the_stamp_of_the_pose_on_tf(port: int, service: KinectVo, r
     base, map_odom = found["odom", "base_link"], found["map", "odom"]
     assert base.header.stamp == map_odom.header.stamp  # type: ignore[attr-defined]
     assert map_odom.transform.translation.x == 5.0  # type: ignore[attr-defined]
+
+
+def test_a_map_of_another_epoch_is_not_on_tf(port: int, service: KinectVo, ros: Ros) -> None:
+    service.changes = {"map": make_map()}
+    update = replace(service._make_update(0), stamp_s=7.5, epoch=99)
+    pose = pose_payload(update, FrameIds()), pose_attachment(update)
+
+    def sent_transforms() -> dict[tuple[str, str], object]:
+        service.session.put("kinect/odom", pose[0], attachment=pose[1])
+        messages = reader.messages.get("/tf", [])
+        return next((found for found in map(transforms, messages) if is_at_7_s(found)), {})
+
+    with ros.node(port), ros.reader(1000, "/tf=tf2_msgs/TFMessage") as reader:
+        wait_until(lambda: len(transforms(reader.messages.get("/tf", [EMPTY])[-1])) == 2)
+        wait_until(sent_transforms)
+        assert sent_transforms().keys() == {("odom", "base_link")}
+
+
+def is_at_7_s(found: dict[tuple[str, str], object]) -> bool:
+    return any(each.header.stamp.sec == 7 for each in found.values())  # type: ignore[attr-defined]
 
 
 # A TFMessage without transforms.

@@ -35,6 +35,8 @@ def received(
 ) -> tuple[list[Any], Trajectory]:
     """What a stranger got of a replay, and the trajectory that the replay wrote."""
     written = tmp_path / "poses.txt"
+    with config.open("a") as file:
+        file.write('\n[ros2]\nodom_frame_id = "robot1/odom"\n')
     options = ("--config", config, "--wait-for-subscriber", "20", "--trajectory", written)
     with running_subprocess("replay", recording, *options) as replay:
         wait_until(lambda: is_listening(port))
@@ -63,7 +65,7 @@ def test_a_separate_subscriber_gets_every_pose_in_order_with_the_numbers_of_the_
         samples, trajectory.stamps_s, trajectory.T_world_camera, strict=True
     ):
         message = by_rosbags(sample)
-        assert message.header.frame_id == "odom"
+        assert message.header.frame_id == "robot1/odom"
         assert message.child_frame_id == "base_link"
         assert message.header.stamp.sec + message.header.stamp.nanosec * 1e-9 == pytest.approx(
             stamp_s, abs=1e-6

@@ -48,6 +48,8 @@ def test_listen_prints_what_a_service_publishes(
     copy_recording: CopyRecording, config: Path, port: int
 ) -> None:
     source = f"tum:{stretch_timing(copy_recording(lists=True), 0.5)}"
+    with config.open("a") as file:
+        file.write('\n[ros2]\nodom_frame_id = "robot1/odom"\n')
     with running_subprocess("run", "--camera", source, "--config", config) as service:
         wait_until(lambda: is_listening(port))
         outcome = run_subprocess(
@@ -61,7 +63,7 @@ def test_listen_prints_what_a_service_publishes(
     poses = [each for each in messages if each["kind"] == "pose"]
     assert len(poses) == 3
     assert [pose["state"] for pose in poses] == ["tracking"] * 3
-    assert [pose["frame_id"] for pose in poses] == ["odom"] * 3
+    assert [pose["frame_id"] for pose in poses] == ["robot1/odom"] * 3
 
 
 def test_a_closed_terminal_ends_the_service_and_an_older_trajectory_is_kept(

@@ -54,11 +54,9 @@ class LevelMounting:
 
     def view(self, T_odom_camera: Array) -> LevelView:
         """Return the view at a pose of the optical camera; z of `odom` is 0 on the floor."""
-        T_odom_base = T_odom_camera @ self._T_camera_base
-        R_odom_base = T_odom_base[:3, :3]
-        R_base_level = _yaw_rotation(yaw_rad(R_odom_base)).T @ R_odom_base
-        rotation = _yaw_rotation(-self._yaw_base_camera) @ R_base_level
-        return LevelView(rotation @ self._T_base_camera[:3, :3], float(T_odom_camera[2, 3]))
+        yaw_odom_base = yaw_rad(T_odom_camera[:3, :3] @ self._T_camera_base[:3, :3])
+        R_level_odom = _yaw_rotation(-(yaw_odom_base + self._yaw_base_camera))
+        return LevelView(R_level_odom @ T_odom_camera[:3, :3], float(T_odom_camera[2, 3]))
 
     def planar_pose(self, T_map_camera: Array) -> Array:
         """(3,) x, y (meters) and yaw (radians) of the camera's level frame in the map."""

@@ -18,8 +18,9 @@ from vo_service.navigation.level_view import LevelView
 
 # Cells of equal size in 1/range, in which the noise of a Kinect's depth is the same everywhere.
 CELLS = 400
-# An obstacle has this many of the used pixels, in a window of three cells.
-MIN_PIXELS = 2
+# An obstacle has this many of the used pixels, in a window of three cells. With two, the noise at
+# the edges of near surfaces made 0.8 % of the ranges more than 10 cm too short; with four, 0.5 %.
+MIN_PIXELS = 4
 # The rays are computed anew when the camera's tilt changes by more.
 MAX_STALE_TILT_RAD = np.radians(0.1)
 
@@ -112,20 +113,23 @@ def _scan(
         beside: (bins, 2) zeros: pixels with an obstacle below the least range, and beyond the
             largest one.
     """
-    camera_m, min_m, max_m = np.float32(band.camera_m), np.float32(band.min_m), band.max_m
-    rise, top_m = np.float32(band.rise), np.float32(max_m)
+    camera_m, rise = np.float32(band.camera_m), np.float32(band.rise)
+    min_m, top_m = np.float32(band.min_m), np.float32(band.max_m)
     least_m, most_m = np.float32(band.range_min_m), np.float32(band.range_max_m)
     nearest_inverse = np.float32(1.0) / least_m
     scale = np.float32(CELLS) / (nearest_inverse - np.float32(1.0) / most_m)
+    obstacles_m = np.empty(rays.bin.shape[1], np.float32)
     for i in range(rays.bin.shape[0]):
-        for j in range(rays.bin.shape[1]):
-            z = depth_raw[i * STRIDE, j * STRIDE] * meters
-            number = rays.bin[i, j]
-            if z == 0 or number < 0:
-                continue
+        # A loop without jumps, which the compiler vectorizes; then one that fills the cells.
+        for j in range(obstacles_m.size):
+            z = np.float32(depth_raw[i * STRIDE, j * STRIDE]) * meters
             range_m = z * rays.horizontal[i, j]
             height_m = camera_m + z * rays.vertical[i, j]
-            if height_m < min_m + range_m * rise or height_m > top_m:
+            is_obstacle = (height_m >= min_m + range_m * rise) & (height_m <= top_m)
+            obstacles_m[j] = range_m if is_obstacle else np.float32(0.0)
+        for j in range(obstacles_m.size):
+            range_m, number = obstacles_m[j], rays.bin[i, j]
+            if range_m == 0 or number < 0:  # 0: no obstacle, or no depth
                 continue
             if range_m < least_m:
                 beside[number, 0] += 1

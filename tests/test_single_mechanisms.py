@@ -13,7 +13,6 @@ ROOT = Path(__file__).parents[1]
 SINGLE = {
     "Popen": {
         "drivers/core/process/worker_process.py",
-        "vo_service/odometry/warm_up.py",  # a second compiler, which ends with the first
         "vo_service/outputs/rerun/web_viewer_server.py",  # Rerun's own program, for a moment
     },
     "Process": {

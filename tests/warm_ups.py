@@ -7,7 +7,6 @@ import pytest
 
 # Warm-up functions, by the modules that call them.
 _CALLERS = {
-    "vo_service.cli.kernels": "warm_up",
     "vo_service.slam.mapper.loop_closure_worker": "warm_up_loop_closure",
     "vo_service.slam.synchronous_loop_closure": "warm_up_loop_closure",
 }

@@ -58,3 +58,9 @@ def _find_unchanged_mappings(smaps: str) -> Iterator[tuple[int, int]]:
         if "w" not in access and re.search(r"^Anonymous: +0 kB$", mapping, re.MULTILINE):
             begin, end = addresses.split("-")
             yield int(begin, 16), int(end, 16)
+
+
+def available_memory_bytes() -> int:
+    """Return how much memory new processes can have without swapping (Linux, proc(5))."""
+    match = re.search(r"^MemAvailable: +(\d+) kB$", Path("/proc/meminfo").read_text(), re.MULTILINE)
+    return int(match[1]) << 10 if match else 0

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from vo_service.frame_record import max_packed_bytes, pack_depth, unpack_depth
+from vo_service.depth_packing import pack_depth
+from vo_service.frame_record import max_packed_bytes, unpack_depth
 
 Depth = NDArray[np.uint16]
 

@@ -13,7 +13,7 @@ from drivers.core.write_errors import create_output_folder
 from drivers.registry import open_camera
 from drivers.synthetic.config import SyntheticConfig
 from vo_service.app import OutputsConfig, open_frames, open_outputs, open_scanner, run_replay
-from vo_service.cli.kernels import prepare_kernels
+from vo_service.cli.kernels import compile_kernels, prepare_kernels
 from vo_service.cli.options import (
     ConfigFile,
     Method,
@@ -77,6 +77,8 @@ def run(request: DemoRequest) -> int:
         "synthetic", synthetic=replace(SyntheticConfig(), duration_s=request.seconds)
     )
     recorder = TrajectoryRecorder()
+    with stop_on_signals() as stop:
+        compile_kernels([config.odometry.method, "virtual Kinect"], terminal, stop)
     with camera:  # it prepares its room in the background
         with stop_on_signals() as stop:
             prepare_kernels(config, terminal, stop)

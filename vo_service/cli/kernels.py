@@ -3,56 +3,37 @@
 OpenCV is imported with the kernels, because most commands need neither.
 """
 
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Sequence
 from functools import partial
-from pathlib import Path
 from typing import TypeVar
 
 from drivers.core import UserFacingError
-from drivers.core.folders import cache_folder, kernel_folder
+from drivers.core.folders import cache_folder
 from drivers.core.jit import interruptible
 from vo_service.config import Config
-from vo_service.odometry.warm_up import warm_up
+from vo_service.kernels.compilation import ensure_compiled
+from vo_service.kernels.loading import load_kernels
 from vo_service.signals import StopSignal
 from vo_service.terminal import Terminal
 
 T = TypeVar("T")
 
 
-def prepare_kernels(config: Config, terminal: Terminal, stop: StopSignal) -> float:
+def prepare_kernels(config: Config, terminal: Terminal, stop: StopSignal) -> None:
     """Compile or load the kernels of the configured method.
-
-    Returns:
-        Time taken, s.
 
     Raises:
         KeyboardInterrupt: If a stop is requested.
         UserFacingError: If the compiled kernels cannot be written.
     """
-    return run_warm_up(partial(warm_up, config.odometry.method), terminal, stop)
+    compile_kernels([config.odometry.method], terminal, stop)
+    load_kernels(config.odometry.method, stop.event)
+    stop.check()
 
 
-def prepare_loop_closure(terminal: Terminal, stop: StopSignal) -> float:
-    """Compile or load the kernels of loop closure; otherwise as `prepare_kernels`."""
-    from vo_service.slam.synchronous_loop_closure import warm_up_loop_closure
-
-    taken_s = run_warm_up(warm_up_loop_closure, terminal, stop)
-    with suppress(OSError):  # without the mark, it is repeated next time
-        _loops_mark().touch()
-    return taken_s
-
-
-def loops_are_prepared() -> bool:
-    """Whether `prepare_loop_closure` has run before with this source.
-
-    If so, the service skips it: only the mapper's process loads these kernels.
-    """
-    return _loops_mark().exists()
-
-
-def _loops_mark() -> Path:
-    return kernel_folder() / "loops-are-prepared"
+def compile_kernels(parts: Sequence[str], terminal: Terminal, stop: StopSignal) -> None:
+    """Compile the kernels of parts if they are not in the cache; otherwise as `prepare_kernels`."""
+    run_warm_up(partial(ensure_compiled, parts), terminal, stop)
 
 
 def run_warm_up(
@@ -62,7 +43,7 @@ def run_warm_up(
 
     Args:
         warm_up_function: Compiles or loads kernels; it calls its argument with each stage.
-        stop: Stop request; checked between two kernels.
+        stop: Stop request; checked between two kernels, and with each report of the progress.
 
     Raises:
         KeyboardInterrupt: If a stop is requested.
@@ -75,8 +56,13 @@ def run_warm_up(
     label = "preparing the numeric kernels (longer the first time)"
     # LLVM calls Python when it loads a kernel: an exception there would crash the process.
     with stop.without_exceptions(), interruptible(stop.check), terminal.busy(label) as busy:
+
+        def report(detail: str) -> None:
+            stop.check()
+            busy.set_detail(detail)
+
         try:
-            result = warm_up_function(busy.set_detail)
+            result = warm_up_function(report)
         except OSError as error:
             raise UserFacingError(
                 f"{cache_folder()}: the compiled kernels cannot be written: {error.strerror}; free "

@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from drivers.core.geometry import Array, Trajectory
-from vo_service.cli.kernels import prepare_loop_closure
+from vo_service.cli.kernels import run_warm_up
 from vo_service.config import Config
 from vo_service.signals import StopSignal
 from vo_service.terminal import Terminal
@@ -22,8 +22,12 @@ def make_loop_closure(
         KeyboardInterrupt: If a stop is requested.
         UserFacingError: If the compiled kernels cannot be written.
     """
-    prepare_loop_closure(terminal, stop)
-    from vo_service.slam.synchronous_loop_closure import create_synchronous_loop_closure
+    from vo_service.slam.synchronous_loop_closure import (
+        create_synchronous_loop_closure,
+        warm_up_loop_closure,
+    )
+
+    run_warm_up(warm_up_loop_closure, terminal, stop)
 
     return create_synchronous_loop_closure(config.map)
 

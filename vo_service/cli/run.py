@@ -13,7 +13,7 @@ import zenoh
 
 from drivers.camera import PlaybackMode, RgbdCamera
 from drivers.core.files import rotate_file
-from drivers.core.memory import limit_freed_memory, release_memory
+from drivers.core.memory import limit_freed_memory
 from drivers.core.write_errors import creating
 from drivers.registry import open_camera
 from vo_service.app import (
@@ -31,7 +31,7 @@ from vo_service.app import (
     open_scanner,
     open_sensor_memory,
 )
-from vo_service.cli.kernels import loops_are_prepared, prepare_kernels, prepare_loop_closure
+from vo_service.cli.kernels import compile_kernels
 from vo_service.cli.options import (
     CameraFile,
     CameraSource,
@@ -50,6 +50,7 @@ from vo_service.cli.options import (
 from vo_service.cli.request import CommandRequest, config_option, option
 from vo_service.config import Config, ConfigReloader
 from vo_service.control import CommandQueue
+from vo_service.kernels.loading import loading_in_background
 from vo_service.outputs.progress import ProgressOutput
 from vo_service.outputs.state_log import StateLogOutput
 from vo_service.outputs.systemd import SystemdOutput
@@ -127,8 +128,9 @@ def run(request: RunServiceRequest) -> int:
     set_log_level(config.log.level)
     _rotate_trajectory(request.trajectory)
     terminal = Terminal(log_period_s=math.inf)  # a service logs only changes
+    source = request.camera or config.camera.source
     camera = open_camera(
-        request.camera or config.camera.source,
+        source,
         camera_file=config.camera.file,
         playback_mode=request.pace,
         sensor=config.sensor,
@@ -141,12 +143,19 @@ def run(request: RunServiceRequest) -> int:
         force_exit_after(stop, MAX_SHUTDOWN_S),
         suppress(KeyboardInterrupt),
     ):
+        compile_kernels(_first_parts(config, source), terminal, stop)
         camera.prepare()
-        prepare_kernels(config, terminal, stop)
-        if config.map.enabled and config.map.loop_closure and not loops_are_prepared():
-            prepare_loop_closure(terminal, stop)
-        _serve(request, config, camera, terminal, stop, reload_signal)
+        with loading_in_background(config.odometry.method):
+            _serve(request, config, camera, terminal, stop, reload_signal)
     return 0
+
+
+def _first_parts(config: Config, source: str) -> list[str]:
+    """List the parts whose kernels the first pose needs; other processes compile their own."""
+    parts = [config.odometry.method]
+    if config.recorder.enabled or config.map.enabled:
+        parts += ["depth packing"]
+    return [*parts, "virtual Kinect"] if source == "synthetic" else parts
 
 
 def _serve(
@@ -196,7 +205,6 @@ def _serve(
 
         # Without --config, SIGHUP means that the terminal was closed.
         on_reload = stop.request if request.config is None else reload
-        release_memory()  # all kernels are loaded
         run_on_loop_thread(live.service.run, stop, reload_signal, on_reload)
         if reason := live.service.statistics.failure_reasons.no_motion_reason:
             logger.warning("%s: %s", camera.name, reason)

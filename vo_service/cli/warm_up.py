@@ -1,12 +1,12 @@
 """``kinect-vo warm-up``: compile the kernels."""
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 
-from vo_service.cli.kernels import prepare_kernels, prepare_loop_closure, run_warm_up
+from vo_service.cli.kernels import compile_kernels
 from vo_service.cli.options import ConfigFile, Method, Timing, load_config
 from vo_service.cli.request import CommandRequest
+from vo_service.config import Config
 from vo_service.signals import stop_on_signals
 from vo_service.terminal import Terminal
 
@@ -30,53 +30,28 @@ class WarmUpRequest(CommandRequest):
 
 
 def run(request: WarmUpRequest) -> int:
-    """Compile the kernels of the configured parts, or load them from the cache.
+    """Compile the kernels of the configured parts that are not in the cache.
 
     Raises:
         UserFacingError: If the configuration is not valid, or if the kernels cannot be written.
     """
-    # Imported here because `kinect-vo warm-up --help` does not need it.
-    from vo_service.reconstruction.warm_up import warm_up_reconstruction
-
     config = load_config(request.config, request)
-    terminal = Terminal()
+    begin_s = time.monotonic()
     with stop_on_signals() as stop:
-        taken_s = prepare_kernels(config, terminal, stop)
-        if config.map.enabled:
-            taken_s += run_warm_up(warm_up_reconstruction, terminal, stop)
-            taken_s += prepare_loop_closure(terminal, stop)
-        if config.recorder.enabled or config.map.enabled:
-            taken_s += run_warm_up(_warm_up_depth_packing, terminal, stop)
-        taken_s += run_warm_up(_warm_up_navigation, terminal, stop)
-        if config.camera.source == "synthetic":
-            taken_s += run_warm_up(_warm_up_renderer, terminal, stop)
+        compile_kernels(_used_parts(config), Terminal(), stop)
     maps = " and of maps" if config.map.enabled else ""
+    taken_s = time.monotonic() - begin_s
     print(f"the kernels of {config.odometry.method}{maps} are ready ({taken_s:.1f} s)")
     return 0
 
 
-def _warm_up_depth_packing(on_progress: Callable[[str], None]) -> float:
-    from vo_service.frame_record import compile_kernels
-
-    begin_s = time.monotonic()
-    on_progress("depth packing")
-    compile_kernels()
-    return time.monotonic() - begin_s
-
-
-def _warm_up_navigation(on_progress: Callable[[str], None]) -> float:
-    from vo_service.navigation.grid_mapper import GridMapper
-    from vo_service.navigation.robot_scan import RobotScanner
-
-    begin_s = time.monotonic()
-    on_progress("scan and grid")
-    RobotScanner.warm_up()
-    GridMapper.warm_up()
-    return time.monotonic() - begin_s
-
-
-def _warm_up_renderer(on_progress: Callable[[str], None]) -> float:
-    from drivers.synthetic.renderer import warm_up_renderer
-
-    on_progress("virtual Kinect")
-    return warm_up_renderer()
+def _used_parts(config: Config) -> list[str]:
+    """List the parts whose kernels a configuration uses."""
+    parts = [config.odometry.method, "scan", "grid"]
+    if config.map.enabled:
+        parts += ["reconstruction", "loop closure"]
+    if config.recorder.enabled or config.map.enabled:
+        parts += ["depth packing"]
+    if config.camera.source == "synthetic":
+        parts += ["virtual Kinect"]
+    return parts

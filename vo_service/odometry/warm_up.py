@@ -1,25 +1,17 @@
-"""Warm-up of a method: compiles its kernels, or loads them, before the first frame.
+"""Warm-up of a method: compiles its kernels, or loads them, before the first frame."""
 
-The first time, a second process compiles too, and each loads what the other has compiled.
-"""
-
-import os
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera, RgbdFrame, TimingPrior, TimingSource
-from drivers.core.folders import kernel_folder
+from vo_service.kernels.compilation import ensure_compiled
 from vo_service.odometry.registry import METHODS, MethodConfig
 from vo_service.odometry.stage_timers import StageReporter
-from vo_service.types.odometry import NullStageTimer, Odometry
+from vo_service.types.odometry import Odometry
 
 # Large enough for every filter and every octave.
 IMAGE_SIZE_PX = 256
@@ -36,42 +28,9 @@ def warm_up(method: str, report_stage: Callable[[str], None]) -> float:
         The elapsed seconds.
     """
     start_s = time.monotonic()
-    mark = kernel_folder() / f"{method}-is-prepared"
-    with second_process(method, is_needed=not mark.exists()):
-        run_warm_up_frames(lambda: METHODS[method](MethodConfig(), StageReporter(report_stage)))
-    with suppress(OSError):  # without the mark, there is a second process next time, too
-        mark.touch()
+    ensure_compiled([method], report_stage)
+    run_warm_up_frames(lambda: METHODS[method](MethodConfig(), StageReporter(report_stage)))
     return time.monotonic() - start_s
-
-
-@contextmanager
-def second_process(method: str, is_needed: bool) -> Iterator[None]:
-    """Compile in another process as well, which ends with the block.
-
-    Args:
-        method: Name of the method.
-        is_needed: Whether kernels are not compiled yet. On a single core it is never needed.
-    """
-    if not is_needed or len(os.sched_getaffinity(0)) < 2:
-        yield
-        return
-    process = subprocess.Popen(
-        [sys.executable, "-m", __name__, method],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-    try:
-        yield
-    finally:
-        process.kill()
-        process.wait()
-
-
-def warm_up_in_second_process(method: str) -> None:
-    """Begin with what `warm_up` compiles last: features, and then its frames in reverse."""
-    for name, sequences in (("surf", WARM_UP_SEQUENCES), (method, WARM_UP_SEQUENCES[::-1])):
-        run_warm_up_frames(partial(METHODS[name], MethodConfig(), NullStageTimer()), sequences)
 
 
 def _make_corner_frames() -> Iterator[RgbdFrame]:
@@ -169,7 +128,3 @@ def run_warm_up_frames(
         odometry = make_odometry()
         for frame in make_frames():
             odometry.estimate(frame)
-
-
-if __name__ == "__main__":
-    warm_up_in_second_process(sys.argv[1])

@@ -6,6 +6,7 @@ from collections.abc import Callable
 import numpy as np
 
 from drivers.camera import PinholeCamera
+from vo_service.kernels.compilation import ensure_compiled
 
 CAMERA = PinholeCamera(64, 48, 52.0, 52.0, 31.5, 23.5)
 
@@ -14,7 +15,8 @@ def warm_up_reconstruction(report_stage: Callable[[str], None]) -> float:
     """Compile the kernels, or load them from the cache, by mapping a synthetic wall.
 
     Args:
-        report_stage: Called with the name of each stage as it starts.
+        report_stage: Called with the name of each stage as it starts, and with the progress of
+            compilation.
 
     Returns:
         Duration in seconds.
@@ -24,6 +26,7 @@ def warm_up_reconstruction(report_stage: Callable[[str], None]) -> float:
     from vo_service.reconstruction.voxel_block_grid import TsdfConfig
 
     begin_s = time.monotonic()
+    ensure_compiled(["reconstruction"], report_stage)
     volume = TsdfVolume(TsdfConfig(voxel_m=0.05, memory_mb=10))
     depth_m = np.full((CAMERA.height, CAMERA.width), 2.0, np.float32)
     color_bgr = np.zeros((CAMERA.height, CAMERA.width, 3), np.uint8)

@@ -10,6 +10,7 @@ from drivers.camera import RgbdFrame
 from drivers.core.files import MEGABYTE
 from drivers.core.geometry import Trajectory, inverse
 from vo_service.config_tables import MapConfig
+from vo_service.kernels.compilation import ensure_compiled
 from vo_service.odometry.warm_up import run_warm_up_frames
 from vo_service.slam.keyframe_database import KeyframeDatabase, MapKeyframe
 from vo_service.slam.keyframe_selection import ConstraintAccumulator, OdometryConstraint
@@ -118,15 +119,16 @@ def create_loop_closer_from_map(contents: MapContents, settings: MapConfig) -> L
 
 
 def warm_up_loop_closure(report_stage: Callable[[str], None]) -> float:
-    """Run the loop closure on generated frames.
+    """Compile the kernels of loop closure, or load them, by running it on generated frames.
 
     Args:
-        report_stage: Called with the name of the only stage when it starts.
+        report_stage: Called with the name of the stage, and with the progress of compilation.
 
     Returns:
         The elapsed seconds.
     """
     start_s = time.monotonic()
+    ensure_compiled(["loop closure"], report_stage)
     report_stage("place recognition")
     run_warm_up_frames(_StationaryOdometry)
     return time.monotonic() - start_s

@@ -95,6 +95,10 @@ class WorkerProcess:
             self._error = message.error
         return message
 
+    def fileno(self) -> int:
+        """Return what is readable when a message has come (`multiprocessing.connection.wait`)."""
+        return self._connection.fileno()
+
     def kill(self) -> None:
         """Kill the process."""
         self._process.kill()

@@ -77,24 +77,16 @@ def test_warm_up_reports_its_end(capfd: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.parametrize("enabled", ["true", "false"])
-def test_warm_up_prepares_loop_closure_if_there_is_a_map(
+def test_warm_up_compiles_loop_closure_if_there_is_a_map(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, enabled: str
 ) -> None:
-    config, prepared = tmp_path / "kinect.toml", list[str]()
+    config, compiled = tmp_path / "kinect.toml", list[str]()
     config.write_text(f"schema = 1\n[map]\nenabled = {enabled}\n")
-
-    def prepare(*_: object) -> float:
-        prepared.append("loops")
-        return 1.0
-
-    for others in ("prepare_kernels", "run_warm_up"):
-        monkeypatch.setattr(warm_up, others, lambda *_: 0.0)
-    monkeypatch.setattr(warm_up, "prepare_loop_closure", prepare)
+    monkeypatch.setattr(warm_up, "compile_kernels", lambda parts, *_: compiled.extend(parts))
     outcome = run_in_process(capfd, "warm-up", "--config", config)
     assert (outcome.code, outcome.error_lines) == (0, "")
-    assert (" and of maps " in outcome.out, prepared) == (
-        (True, ["loops"]) if enabled == "true" else (False, [])
-    )
+    is_enabled = enabled == "true"
+    assert (" and of maps " in outcome.out, "loop closure" in compiled) == (is_enabled, is_enabled)
 
 
 @pytest.mark.subprocess

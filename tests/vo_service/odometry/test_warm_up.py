@@ -3,7 +3,6 @@
 import sys
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +13,7 @@ from tests.vo_service.odometry.icp.depth_views import ROOM, add_noise, hand_held
 from tests.vo_service.odometry.sfm.sideways_sequence import render_views
 from tests.vo_service.odometry.synthetic_views import render_corner
 from vo_service.odometry.registry import METHODS, MethodConfig
-from vo_service.odometry.warm_up import second_process, warm_up
+from vo_service.odometry.warm_up import warm_up
 from vo_service.types.odometry import NullStageTimer
 
 
@@ -53,7 +52,7 @@ def test_the_warm_up_reports_every_stage_and_compiles_all_for_real_frames(method
     make_frames, stages = CASES[method]
     reported: list[str] = []
     assert warm_up(method, reported.append) > 0
-    assert set(reported) == set(stages.split())
+    assert set(reported) >= set(stages.split())
     frames = make_frames()
     before = compiled_kernels()
     odometry = METHODS[method](MethodConfig(), NullStageTimer())
@@ -61,22 +60,3 @@ def test_the_warm_up_reports_every_stage_and_compiles_all_for_real_frames(method
     assert is_good[-1] is (method == "sfm")
     assert before
     assert compiled_kernels() == before
-
-
-def test_a_second_process_compiles_as_long_as_the_first() -> None:
-    before = child_processes()
-    with second_process("icp", is_needed=True):
-        assert child_processes() > before
-    assert child_processes() == before
-
-
-def test_prepared_kernels_need_no_second_process() -> None:
-    children: list[set[str]] = []
-    warm_up("surf", lambda _: None)
-    warm_up("surf", lambda _: children.append(child_processes()))
-    assert set.union(*children) <= child_processes()
-
-
-def child_processes() -> set[str]:
-    own = Path("/proc/self/task")
-    return {pid for task in own.iterdir() for pid in (task / "children").read_text().split()}

@@ -10,7 +10,8 @@ import numpy as np
 
 from drivers.core.files import MEGABYTE
 from drivers.core.process.record_ring import RecordRingWriter
-from vo_service.frame_record import compile_kernels, pack_depth, write_frame
+from vo_service.depth_packing import compile_kernels, pack_depth
+from vo_service.frame_record import write_frame
 from vo_service.types.messages import Status
 from vo_service.types.odometry_update import UpdateWithWheels
 

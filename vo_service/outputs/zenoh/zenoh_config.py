@@ -29,6 +29,8 @@ MAX_FRAME_MESSAGE_BYTES = 8 << 20
 # Zenoh locks shared memory, at most this much for one publisher.
 _LOCKED_BYTES = 8_000_000
 _CLIENT_CONNECT_TIMEOUT_MS = 2000
+# Zenoh's default waits up to four seconds, for which a client does not see a service that started.
+_CONNECT_RETRY = {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 1.1}
 
 
 def read_zenoh_config(path: Path) -> zenoh.Config:
@@ -104,6 +106,7 @@ def build_zenoh_config(
         "listen/endpoints": list(config.listen),
         "listen/exit_on_failure": True,
         "connect/endpoints": list(config.connect),
+        "connect/retry": _CONNECT_RETRY,
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         "transport/shared_memory/enabled": _may_lock_memory(),

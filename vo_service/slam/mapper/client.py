@@ -11,7 +11,8 @@ from drivers.core.process.record_ring import RecordRingWriter
 from drivers.core.process.worker_spec import WorkerSpec
 from drivers.core.queues import DropOldestQueue
 from vo_service.config_tables import MapConfig, ScanConfig
-from vo_service.frame_record import compile_kernels, pack_depth, write_frame
+from vo_service.depth_packing import compile_kernels, pack_depth
+from vo_service.frame_record import write_frame
 from vo_service.process_output import FaultReporter, ProcessOutput, warn_disabled
 from vo_service.slam.keyframe_selection import (
     ConstraintAccumulator,

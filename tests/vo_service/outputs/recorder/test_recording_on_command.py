@@ -26,7 +26,8 @@ from tests.vo_service.outputs.recorder.recorder_inputs import (
 )
 from tests.waiting import wait_until
 from vo_service.config_tables import RecorderConfig
-from vo_service.frame_record import pack_depth, write_frame
+from vo_service.depth_packing import pack_depth
+from vo_service.frame_record import write_frame
 from vo_service.outputs.recorder import worker as recording_module
 from vo_service.outputs.recorder.messages import RecordingResult
 from vo_service.outputs.recorder.worker import RecordingWriter

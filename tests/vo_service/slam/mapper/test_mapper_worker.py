@@ -17,7 +17,8 @@ from tests.vo_service.slam.corner_trajectory import (
     true_pose,
 )
 from tests.vo_service.slam.mapper.wall_sequence import COARSE
-from vo_service.frame_record import pack_depth, write_frame
+from vo_service.depth_packing import pack_depth
+from vo_service.frame_record import write_frame
 from vo_service.mapper_process import fuse_keyframes
 from vo_service.slam.keyframe_selection import OdometryConstraint
 from vo_service.slam.map_file import write_map

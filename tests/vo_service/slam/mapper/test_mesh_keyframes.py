@@ -13,7 +13,8 @@ from drivers.core.process.record_ring import RecordRingReader, RecordRingWriter
 from tests.vo_service.outputs.recorder import recorder_inputs
 from tests.vo_service.slam.mapper.wall_sequence import CAMERA
 from vo_service.config_tables import ScanConfig
-from vo_service.frame_record import pack_depth, write_frame
+from vo_service.depth_packing import pack_depth
+from vo_service.frame_record import write_frame
 from vo_service.navigation.grid_mapper import GridMapper
 from vo_service.slam.keyframe_selection import STEP_M
 from vo_service.slam.mapper.mesh_keyframes import MeshKeyframe, MeshKeyframeStore

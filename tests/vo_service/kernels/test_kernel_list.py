@@ -1,0 +1,36 @@
+"""The list of kernels is that of the source: `python -m scripts.list_kernels` writes it."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from vo_service.kernels.compilation import find_callees
+from vo_service.kernels.kernel_list import read_kernel_list
+
+# Runs all parts in one process; each kernel is loaded once.
+LOAD_ALL = """
+import json
+from scripts.list_kernels import loaded_signatures, part_runs
+from vo_service.cli.command_line import set_library_environment
+
+set_library_environment()
+print(json.dumps(loaded_signatures(lambda: [run() for run in part_runs().values()])))
+"""
+
+
+@pytest.mark.subprocess
+def test_the_list_has_all_kernels_that_the_parts_call_and_no_others() -> None:
+    output = subprocess.run([sys.executable, "-c", LOAD_ALL], stdout=subprocess.PIPE, check=True)
+    called = {json.dumps(each) for each in json.loads(output.stdout)}
+    listed = {each.signature.text for each in read_kernel_list() if each.is_called}
+    assert called == listed, "run .venv/bin/python -m scripts.list_kernels"
+
+
+def test_every_other_kernel_of_the_list_is_called_by_one() -> None:
+    every = read_kernel_list()
+    signatures = [each.signature for each in every]
+    callees = set().union(*find_callees(signatures).values())
+    others = {number for number, each in enumerate(every) if not each.is_called}
+    assert others <= callees

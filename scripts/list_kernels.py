@@ -28,8 +28,8 @@ def part_runs() -> dict[str, Callable[[], object]]:
     """Return what runs each part once."""
     from vo_service.navigation.grid_mapper import GridMapper
     from vo_service.navigation.robot_scan import RobotScanner
-    from vo_service.reconstruction.warm_up import warm_up_reconstruction
-    from vo_service.slam.synchronous_loop_closure import warm_up_loop_closure
+    from vo_service.reconstruction.warm_up import reconstruct_wall
+    from vo_service.slam.synchronous_loop_closure import StationaryOdometry
 
     def ignore(_stage: str) -> None:
         pass
@@ -41,8 +41,8 @@ def part_runs() -> dict[str, Callable[[], object]]:
     return methods | {
         "virtual Kinect": warm_up_renderer,
         "depth packing": compile_kernels,
-        "loop closure": partial(warm_up_loop_closure, ignore),
-        "reconstruction": partial(warm_up_reconstruction, ignore),
+        "loop closure": partial(run_warm_up_frames, StationaryOdometry),
+        "reconstruction": partial(reconstruct_wall, ignore),
         "scan": RobotScanner.warm_up,
         "grid": GridMapper.warm_up,
     }

@@ -137,14 +137,14 @@ def shade(
     surface = np.empty((height, width), dtype=np.int32)
     for v in range(height):
         for u in range(width):
-            s = solid[v, u]
+            s = np.int64(solid[v, u])  # types as in `smooth_edges`: one version is compiled
             if s < 0:
                 surface[v, u] = -1
                 continue
             face, b, g, r = _color_at(
                 rays[v, u, 0],
                 rays[v, u, 1],
-                depth_m[v, u],
+                np.float64(depth_m[v, u]),
                 v,
                 s,
                 kind[s],
@@ -273,4 +273,5 @@ def _round_surface_color(
     turn = math.atan2(py, px) / (2.0 * math.pi) + 0.5
     scale = math.sqrt(frames[v, s, 0, 0] ** 2 + frames[v, s, 1, 0] ** 2 + frames[v, s, 2, 0] ** 2)
     size = t * pixel * scale * wide / (2.0 * math.pi)
-    return _sample_trilinear(turn * wide, 0.5 * (1.0 - pz) * high, size, s, 0, texels, levels)
+    face = np.int64(0)  # a literal would be another type
+    return _sample_trilinear(turn * wide, 0.5 * (1.0 - pz) * high, size, s, face, texels, levels)

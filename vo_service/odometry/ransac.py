@@ -133,7 +133,9 @@ def find_best_hypothesis(
         score, inliers = _score_hypothesis(P, Q, inverse_gate, T)
         if score > best_score:
             best_score = score
-            best[:] = T
+            for row in range(3):  # the compiler takes seconds for an assignment of slices
+                for column in range(4):
+                    best[row, column] = T[row, column]
             all_inlier_probability = (inliers / n) ** 3
             if all_inlier_probability >= 1.0:
                 break

@@ -21,12 +21,18 @@ def warm_up_reconstruction(report_stage: Callable[[str], None]) -> float:
     Returns:
         Duration in seconds.
     """
+    begin_s = time.monotonic()
+    ensure_compiled(["reconstruction"], report_stage)
+    reconstruct_wall(report_stage)
+    return time.monotonic() - begin_s
+
+
+def reconstruct_wall(report_stage: Callable[[str], None]) -> None:
+    """Run all stages on a synthetic wall."""
     from vo_service.reconstruction.render import render_camera_view
     from vo_service.reconstruction.tsdf_volume import TsdfVolume
     from vo_service.reconstruction.voxel_block_grid import TsdfConfig
 
-    begin_s = time.monotonic()
-    ensure_compiled(["reconstruction"], report_stage)
     volume = TsdfVolume(TsdfConfig(voxel_m=0.05, memory_mb=10))
     depth_m = np.full((CAMERA.height, CAMERA.width), 2.0, np.float32)
     color_bgr = np.zeros((CAMERA.height, CAMERA.width, 3), np.uint8)
@@ -36,4 +42,3 @@ def warm_up_reconstruction(report_stage: Callable[[str], None]) -> float:
     mesh = volume.extract_mesh()
     report_stage("pictures")
     render_camera_view(mesh, CAMERA, np.eye(4))
-    return time.monotonic() - begin_s

@@ -130,11 +130,11 @@ def warm_up_loop_closure(report_stage: Callable[[str], None]) -> float:
     start_s = time.monotonic()
     ensure_compiled(["loop closure"], report_stage)
     report_stage("place recognition")
-    run_warm_up_frames(_StationaryOdometry)
+    run_warm_up_frames(StationaryOdometry)
     return time.monotonic() - start_s
 
 
-class _StationaryOdometry:
+class StationaryOdometry:
     """Odometry at rest; each frame is a keyframe in a world frame of its own."""
 
     def __init__(self) -> None:

@@ -95,7 +95,8 @@ def _correct_points(points: Array, stride: int, shape: Array, before: Array, aft
     fy, cy, height, magnified = shape[0], shape[1], int(shape[2]), shape[3]
     motion, motion_after = before[2:], after[2:]
     for k in range(points.shape[1]):
-        corrected[:, k] = points[::stride, k]
+        for n in range(len(corrected)):
+            corrected[n, k] = points[n * stride, k]
     for n in range(len(corrected)):
         point = corrected[n]
         x, y, z = point[0], point[1], point[2]

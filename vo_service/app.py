@@ -44,7 +44,7 @@ from vo_service.signals import StopSignal
 from vo_service.terminal import set_log_level
 from vo_service.types.commands import ReloadConfig
 from vo_service.types.odometry import Odometry
-from vo_service.types.odometry_update import WheelMessageSource
+from vo_service.types.odometry_update import AddScan, WheelMessageSource, add_no_scan
 from vo_service.types.outputs import (
     GroundTruthSource,
     HasWarning,
@@ -71,7 +71,6 @@ from vo_service.wheel_odometry.wheel_odometry import (
 logger = logging.getLogger(__name__)
 
 if TYPE_CHECKING:
-    from vo_service.navigation.robot_scan import RobotScanner
     from vo_service.outputs.frames.output import FrameOutput
     from vo_service.outputs.rerun.output import RerunOutput
 
@@ -103,7 +102,6 @@ class OutputsConfig:
         extra: Further outputs, see `ExtraOutputsConfig`.
         mcap: MCAP file to record; None: no file.
         trajectory: Trajectory file to write; None: no file.
-        scanner: Makes the scanner of an MCAP file or a viewer; None: no scans.
         T_base_camera: 4x4 pose of the optical camera in the base, for the MCAP file.
         ground_truth: Returns the ground truth for the viewer; called after the first frame.
         wheel_messages: Returns the messages of the wheels since its last call, for the MCAP file.
@@ -122,7 +120,6 @@ class OutputsConfig:
     extra: Sequence[str] = ()
     mcap: Path | None = None
     trajectory: Path | None = None
-    scanner: "Callable[[], RobotScanner | None] | None" = None
     T_base_camera: Array = field(default_factory=T_BODY_CAMERA.copy)
     ground_truth: GroundTruthSource = no_ground_truth
     wheel_messages: WheelMessageSource = tuple
@@ -201,22 +198,28 @@ def open_frames(config: Config) -> "list[FrameOutput]":
     settings = FrameOutputConfig(
         prefix=config.zenoh.prefix,
         frames=config.frames,
-        scan=config.scan,
+        has_scan=config.scan.enabled,
         T_base_camera=config.T_base_camera.T_base_camera,
         frame_ids=config.ros2,
     )
     return open_frame_outputs(settings, config.zenoh)
 
 
-def open_scanner(config: Config) -> "RobotScanner | None":
-    """Open a scanner; None if it is disabled, or the height of the camera is not told."""
-    height_m = config.T_base_camera.translation_m[2]
-    if config.scan.enabled is False or height_m <= config.scan.min_height_m:
-        return None
-    from vo_service.navigation.robot_scan import RobotScanner
+def open_scans(config: Config, outputs: OutputsConfig) -> AddScan:
+    """Open the scans of the frames; none if they are disabled.
 
-    RobotScanner.warm_up()
-    return RobotScanner(config.scan, config.T_base_camera.T_base_camera, config.ros2.scan_frame_id)
+    Their kernels are loaded at once if the scan of each frame is wanted, else later.
+    """
+    if config.scan.enabled is False:
+        return add_no_scan
+    from vo_service.navigation.frame_scans import FrameScans
+
+    scans = FrameScans(config.scan, config.T_base_camera.T_base_camera, config.ros2.scan_frame_id)
+    is_kept = outputs.mcap is not None or bool(outputs.rerun.targets)
+    is_published = outputs.zenoh is not None and config.scan.enabled
+    if is_published or (is_kept and scans.is_above_floor):
+        scans.load()
+    return scans.add_to
 
 
 def open_recorder(config: Config, wheel_messages: WheelMessageSource = tuple) -> Recorder:
@@ -287,13 +290,11 @@ def _open_mcap(config: OutputsConfig, path: Path, stack: ExitStack) -> Output:
     check_bag_packages(path)
     from vo_service.outputs.mcap_recording import open_mcap_recording
 
-    scanner = None if config.scanner is None else config.scanner()
     recording = open_mcap_recording(
         path,
         config.playback_mode,
         config.ground_truth,
         config.wheel_messages,
-        scanner,
         config.T_base_camera,
     )
     return stack.enter_context(closing(recording))
@@ -333,10 +334,7 @@ def _open_viewers(config: OutputsConfig, stack: ExitStack) -> "list[RerunOutput]
     check_targets(config.rerun.targets)
     viewers = []
     for target in config.rerun.targets:
-        scanner = None if config.scanner is None else config.scanner()
-        viewer = open_rerun_output(
-            target, config.rerun, config.ground_truth, config.playback_mode, scanner
-        )
+        viewer = open_rerun_output(target, config.rerun, config.ground_truth, config.playback_mode)
         viewers.append(stack.enter_context(closing(viewer)))
         config.log_line(f"Rerun: {viewer.address}")
     return viewers
@@ -369,6 +367,7 @@ def run_replay(
     stop: StopSignal,
     loop_closure: LoopClosure = NullLoopClosure(),  # noqa: B008 (it has no state)
     wheel_odometry: WheelOdometrySource = NullWheelOdometry(),  # noqa: B008 (the same)
+    add_scan: AddScan = add_no_scan,
 ) -> RunResult:
     """Run the service on a recording until the frames end or a stop is requested.
 
@@ -377,9 +376,10 @@ def run_replay(
         outputs: Take updates and the status.
         loop_closure: Corrects the transform from map to odom.
         wheel_odometry: The motion of the base by its wheels.
+        add_scan: Adds the scan to the updates.
     """
     service = _build_replay_service(
-        config, camera, frame_source, outputs, loop_closure, wheel_odometry
+        config, camera, frame_source, outputs, loop_closure, wheel_odometry, add_scan
     )
     release_memory()  # all kernels are loaded
     service.run(stop.event)
@@ -393,6 +393,7 @@ def _build_replay_service(
     outputs: Sequence[Output],
     loop_closure: LoopClosure,
     wheel_odometry: WheelOdometrySource,
+    add_scan: AddScan,
 ) -> Service:
     timer = CpuStageTimer()
     odom_frame = OdomFrame(config.T_base_camera.T_base_camera, config.base.planar, wheel_odometry)
@@ -405,6 +406,7 @@ def _build_replay_service(
         outputs,
         warning_sources=(wheel_odometry,),
         loop_closure=loop_closure,
+        add_scan=add_scan,
     )
 
 
@@ -426,6 +428,7 @@ class ServiceDependencies:
         wheel_odometry: The motion of the base by its wheels.
         viewers: Those of the outputs that load shedding may pause.
         warning_sources: Parts besides the outputs whose warnings are in the status.
+        add_scan: Adds the scan to the updates.
         on_command_config: Applies a changed table `[commands]`.
     """
 
@@ -437,6 +440,7 @@ class ServiceDependencies:
     wheel_odometry: WheelOdometrySource = field(default_factory=NullWheelOdometry)
     viewers: Sequence[PausableViewer] = ()
     warning_sources: Sequence[HasWarning] = ()
+    add_scan: AddScan = add_no_scan
     on_command_config: Callable[[CommandConfig], None] = lambda _: None
 
 
@@ -486,6 +490,7 @@ def build_live_service(
         load_shedder,
         (*dependencies.warning_sources, dependencies.wheel_odometry),
         mapper.loop_closure,
+        dependencies.add_scan,
     )
     return LiveService(service, make_config_handlers(camera, odometry, load_shedder, dependencies))
 

@@ -32,7 +32,12 @@ from vo_service.types.messages import (
     TrackingReport,
 )
 from vo_service.types.odometry import Odometry
-from vo_service.types.odometry_update import OdometryUpdate, TrackingState
+from vo_service.types.odometry_update import (
+    AddScan,
+    OdometryUpdate,
+    TrackingState,
+    add_no_scan,
+)
 from vo_service.types.outputs import HasWarning, LoopClosure, NullLoopClosure, Output
 
 STATUS_PERIOD_S = 0.5
@@ -85,6 +90,7 @@ class Service:
         load_shedder: LoadShedder | None = None,
         warning_sources: Sequence[HasWarning] = (),
         loop_closure: LoopClosure = NullLoopClosure(),  # noqa: B008 (it has no state)
+        add_scan: AddScan = add_no_scan,
     ) -> None:
         """Connect the parts.
 
@@ -93,6 +99,7 @@ class Service:
             load_shedder: Pauses the viewers if the machine is too slow; None for a replay.
             warning_sources: Whose warnings, beside those of the outputs, are in the status.
             loop_closure: Corrects the transform from map to odom.
+            add_scan: Adds the scan to the updates.
         """
         self._camera = service_input.camera
         self._frame_source = service_input.frame_source
@@ -105,6 +112,7 @@ class Service:
         self._control = control
         self._load_shedder = load_shedder or LoadShedder(())
         self._loop_closure = loop_closure
+        self._add_scan = add_scan
         self._plausibility = PlausibilityCheck(self._camera)
         self._warning_sources: Sequence[HasWarning] = (
             *outputs,
@@ -164,7 +172,8 @@ class Service:
         update = self._odom_frame.update(
             stamped, estimate, self._stage_timer.take_stage_ms(), latency_s
         )
-        return replace(update, map=self._loop_closure.snapshot, grid=self._control.grid)
+        update = replace(update, map=self._loop_closure.snapshot, grid=self._control.grid)
+        return self._add_scan(update)
 
     def _publish_status(self) -> None:
         """Publish the status, twice a second and whenever state, reason or warnings change."""

@@ -11,8 +11,9 @@ import zenoh
 from drivers.camera import AccelerometerReading
 from tests.vo_service.fakes import make_status
 from tests.vo_service.outputs.frames.frame_robot import T_BASE_CAMERA, MakeUpdate
-from vo_service.config_tables import CommandConfig, FramesConfig, ZenohConfig
+from vo_service.config_tables import CommandConfig, FramesConfig, ScanConfig, ZenohConfig
 from vo_service.control import CommandQueue
+from vo_service.navigation.frame_scans import FrameScans
 from vo_service.outputs.frames.output import FrameOutput, FrameOutputConfig
 from vo_service.outputs.zenoh.output import ZenohOutput
 from vo_service.outputs.zenoh.session_endpoints import ExtraEndpoints, make_command_endpoint
@@ -39,6 +40,7 @@ class KinectVo:
         self.executed: list[Command] = []
         self.refusal = ""
         self._make_update = make_update
+        self._scans = FrameScans(ScanConfig(), T_BASE_CAMERA)
         self._command_queue = CommandQueue()
         self.frames = FrameOutput(FrameOutputConfig("kinect", FramesConfig(), T_BASE_CAMERA))
         self.poses = ZenohOutput(
@@ -83,11 +85,13 @@ class KinectVo:
     def _update(self, seq: int) -> OdometryUpdate:
         update = self._make_update(seq)
         reading = AccelerometerReading(update.frame.stamp_s, (0.0, -9.81, 0.0))
-        return replace(
-            update,
-            frame=replace(update.frame, accelerometer=(reading,)),
-            T_odom_camera=update.T_odom_base @ T_BASE_CAMERA,
-            **self.changes,
+        return self._scans.add_to(
+            replace(
+                update,
+                frame=replace(update.frame, accelerometer=(reading,)),
+                T_odom_camera=update.T_odom_base @ T_BASE_CAMERA,
+                **self.changes,
+            )
         )
 
 

@@ -12,7 +12,7 @@ from drivers.core.geometry import Trajectory, format_trajectory
 from drivers.core.write_errors import create_output_folder
 from drivers.registry import open_camera
 from drivers.synthetic.config import SyntheticConfig
-from vo_service.app import OutputsConfig, open_frames, open_outputs, open_scanner, run_replay
+from vo_service.app import OutputsConfig, open_frames, open_outputs, open_scans, run_replay
 from vo_service.cli.kernels import compile_kernels, prepare_kernels
 from vo_service.cli.options import (
     ConfigFile,
@@ -86,7 +86,6 @@ def run(request: DemoRequest) -> int:
             playback_mode=PlaybackMode.REALTIME,
             zenoh=None if request.no_publish else config.zenoh,
             frames=partial(open_frames, config),
-            scanner=partial(open_scanner, config),
             connect_policy=ConnectOnFreePort,
             rerun=replace(config.rerun, targets=_choose_rerun_targets(request)),
             trajectory=request.output / "trajectory.txt",
@@ -96,7 +95,8 @@ def run(request: DemoRequest) -> int:
         with open_outputs(outputs_config) as opened, stop_on_signals() as stop:
             progress = ProgressOutput(terminal, "demo", camera.frame_count)
             outputs = [*opened.outputs, recorder, progress]
-            result = run_replay(config, camera, PacedSource(camera), outputs, stop)
+            scans = open_scans(config, outputs_config)
+            result = run_replay(config, camera, PacedSource(camera), outputs, stop, add_scan=scans)
         terminal.clear()
         truth = camera.ground_truth
         if truth is None:  # stopped before the first frame

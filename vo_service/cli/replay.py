@@ -17,7 +17,7 @@ from vo_service.app import (
     make_wheel_odometry,
     open_frames,
     open_outputs,
-    open_scanner,
+    open_scans,
     run_replay,
 )
 from vo_service.cli.kernels import prepare_kernels
@@ -141,7 +141,6 @@ def run(request: ReplayRequest) -> int:
             zenoh=None if request.no_publish else config.zenoh,
             extra_endpoints=ExtraEndpoints(frame_ids=config.ros2),
             frames=partial(open_frames, config),
-            scanner=partial(open_scanner, config),
             T_base_camera=config.T_base_camera.T_base_camera,
             # An expected subscriber connects to the configured port.
             connect_policy=ConnectOnce if request.wait_for_subscriber else ConnectOnFreePort,
@@ -165,6 +164,7 @@ def run(request: ReplayRequest) -> int:
                 stop,
                 loop_closure or NullLoopClosure(),
                 wheel_odometry,
+                open_scans(config, outputs_config),
             )
         for output in own:
             output.close()

@@ -28,7 +28,7 @@ from vo_service.app import (
     open_mapper,
     open_outputs,
     open_recorder,
-    open_scanner,
+    open_scans,
     open_sensor_memory,
 )
 from vo_service.cli.kernels import compile_kernels
@@ -195,6 +195,7 @@ def _serve(
             wheel_odometry=wheel_odometry,
             viewers=opened.viewers,
             warning_sources=[reloader, velocities],
+            add_scan=open_scans(config, outputs_config),
             on_command_config=commands.configure,
         )
         live = build_live_service(config, camera, dependencies)
@@ -221,7 +222,6 @@ def _make_outputs_config(
         playback_mode=request.pace,
         zenoh=None if request.no_publish else config.zenoh,
         frames=partial(open_frames, config),
-        scanner=partial(open_scanner, config),
         T_base_camera=config.T_base_camera.T_base_camera,
         connect_policy=ConnectWithRetry,
         extra_endpoints=endpoints,

@@ -1,7 +1,5 @@
 """The scan of a configured robot: heights by its mounting, level by its pose."""
 
-import logging
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,18 +8,10 @@ from drivers.core.geometry import T_BODY_CAMERA, Array
 from drivers.ros_messages.sensors import LaserScanMessage
 from vo_service.config_tables import FrameIds, ScanConfig
 from vo_service.navigation.depth_rays import tiny_frame
-from vo_service.navigation.height_limits import height_band, mounting_problem
+from vo_service.navigation.height_limits import height_band
 from vo_service.navigation.level_view import LevelMounting
 from vo_service.navigation.scan import ScanAngles, Scanner
 from vo_service.types.odometry_update import OdometryUpdate
-
-logger = logging.getLogger(__name__)
-
-# Height of the scan's frame above the floor. A costmap of Nav2 marks no obstacle below its own
-# frame's floor, and none above 0.8 m.
-FRAME_HEIGHT_M = 0.2
-# After a longer pause, the time between two scans is unknown.
-MAX_SCAN_TIME_S = 1.0
 
 
 class RobotScanner:
@@ -40,15 +30,8 @@ class RobotScanner:
         frame_id: str = FrameIds().scan_frame_id,
     ) -> None:
         self._config, self.frame_id = config, frame_id
-        self._problem = mounting_problem(config, T_base_camera)
-        self._last_stamp_s = 0.0
         self._mounting = LevelMounting(T_base_camera)
         self._scanner = Scanner(np.radians(config.angle_increment_deg))
-
-    @property
-    def T_base_scan(self) -> Array:
-        """4x4 pose of the scan's frame in the base."""
-        return self._mounting.T_base_level(FRAME_HEIGHT_M)
 
     def scan(
         self, frame: RgbdFrame, T_floor_camera: Array
@@ -68,30 +51,23 @@ class RobotScanner:
             ranges_m[:] = np.nan
         return angles, ranges_m
 
-    def message(self, update: OdometryUpdate) -> LaserScanMessage:
-        """Scan the frame of an update."""
+    def message(self, update: OdometryUpdate, scan_time_s: float) -> LaserScanMessage:
+        """Scan the frame of an update, this long after the one before; 0 = unknown."""
         T_floor_camera = update.T_odom_camera.copy()
         T_floor_camera[2, 3] -= update.level.floor_z_m or 0.0
         angles, ranges_m = self.scan(update.frame, T_floor_camera)
-        interval_s, self._last_stamp_s = update.stamp_s - self._last_stamp_s, update.stamp_s
         return LaserScanMessage(
             stamp_s=update.stamp_s,
             frame_id=self.frame_id,
             angle_min_rad=angles.first_rad,
             angle_increment_rad=angles.step_rad,
-            scan_time_s=interval_s if 0.0 < interval_s < MAX_SCAN_TIME_S else 0.0,
+            scan_time_s=scan_time_s,
             range_min_m=self._config.range_min_m,
             range_max_m=self._config.range_max_m,
             ranges_m=ranges_m,
         )
 
-    def warn(self) -> None:
-        """Log once what is wrong with the mounting."""
-        problem, self._problem = self._problem, ""
-        if problem:
-            logger.warning("scan: %s", problem)
-
     @staticmethod
     def warm_up() -> None:
-        """Compile or load the kernels: at their first use, the poses would wait for that."""
+        """Compile or load the kernels."""
         RobotScanner(ScanConfig(), T_BODY_CAMERA).scan(tiny_frame(), T_BODY_CAMERA)

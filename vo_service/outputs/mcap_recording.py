@@ -34,12 +34,12 @@ from drivers.ros_messages.navigation import (
 from drivers.ros_messages.sensors import (
     LASER_SCAN_SCHEMA,
     POINT_CLOUD_SCHEMA,
+    LaserScanMessage,
     PointCloudMessage,
     encode_laser_scan,
     encode_point_cloud,
 )
 from vo_service.config_tables import MIN_FREE_BYTES, FrameIds
-from vo_service.navigation.robot_scan import RobotScanner
 from vo_service.outputs.file_output import FileOutput
 from vo_service.types.messages import (
     Status,
@@ -80,7 +80,6 @@ def open_mcap_recording(
     playback_mode: PlaybackMode,
     ground_truth: GroundTruthSource = no_ground_truth,
     wheel_messages: WheelMessageSource = tuple,
-    scanner: RobotScanner | None = None,
     T_base_camera: Array = T_BODY_CAMERA,
 ) -> "McapOutput":
     """Create the file. In realtime, an existing one is renamed to FILE-0001 and so on.
@@ -92,7 +91,6 @@ def open_mcap_recording(
         playback_mode: Lockstep or realtime.
         ground_truth: See `McapOutput`.
         wheel_messages: See `McapOutput`.
-        scanner: See `McapOutput`.
         T_base_camera: 4x4 pose of the optical camera in the base, for the file.
 
     Raises:
@@ -110,13 +108,10 @@ def open_mcap_recording(
             ground_truth,
             wheel_messages,
             LOCKSTEP_CLOSE_TIMEOUT_S,
-            scanner=scanner,
         )
     queue: BoundedQueue[Item] = DropOldestQueue(MAX_QUEUED)
     create = partial(_create_next, path, T_base_camera)
-    return McapOutput(
-        path, create, queue, ground_truth, wheel_messages, can_retry=True, scanner=scanner
-    )
+    return McapOutput(path, create, queue, ground_truth, wheel_messages, can_retry=True)
 
 
 def _create_next(path: Path, T_base_camera: Array) -> McapRecorder:
@@ -151,7 +146,6 @@ class McapOutput(FileOutput[Item]):
         wheel_messages: Returns the messages of the wheels since its last call.
         close_timeout_s: Longest wait for the thread at the end.
         can_retry: Whether to create another file when the disk works again.
-        scanner: Makes the scans; None = no scans.
 
     Raises:
         UserFacingError: The file cannot be created.
@@ -167,13 +161,11 @@ class McapOutput(FileOutput[Item]):
         close_timeout_s: float = CLOSE_TIMEOUT_S,
         *,
         can_retry: bool = False,
-        scanner: RobotScanner | None = None,
     ) -> None:
         super().__init__(path, "recording", "frames", close_timeout_s)
         self._create, self._can_retry = create, can_retry
         self._ground_truth = ground_truth
         self._wheel_messages = wheel_messages
-        self._scanner = scanner
         self._grid = NO_GRID  # that was last written
         self._recorder: McapRecorder | None = None
         # The last published stamp, and the time on CLOCK_MONOTONIC when it came.
@@ -233,11 +225,7 @@ class McapOutput(FileOutput[Item]):
         messages += self._navigation_messages(update)
         transforms = pose_transforms(update, FRAME_IDS)
         if transforms:
-            if self._scanner is not None:
-                frames = FRAME_IDS.base_frame_id, self._scanner.frame_id
-                transforms.append(
-                    TransformMessage(update.stamp_s, *frames, self._scanner.T_base_scan)
-                )
+            transforms += _scan_transforms(update)
             transforms += self._world_transforms(recorder, update)
             messages.append(_transforms("/tf", transforms))
             messages += self._path_messages(update)
@@ -249,8 +237,9 @@ class McapOutput(FileOutput[Item]):
     def _navigation_messages(self, update: OdometryUpdate) -> list[EncodedMessage]:
         """Make the scan, and the occupancy grid if it has changed."""
         messages = []
-        if self._scanner is not None:
-            data = encode_laser_scan(self._scanner.message(update))
+        scan = _scan_of(update)
+        if scan is not None:
+            data = encode_laser_scan(scan)
             messages.append(_encoded("/scan", LASER_SCAN_SCHEMA, update.stamp_s, data))
         if update.grid is not self._grid:
             self._grid = update.grid
@@ -320,6 +309,19 @@ class McapOutput(FileOutput[Item]):
         with suppress(UserFacingError):
             if recorder is not None:
                 recorder.close()
+
+
+def _scan_of(update: OdometryUpdate) -> LaserScanMessage | None:
+    """Return the scan, unless all of it is unknown."""
+    return update.scan.message() if update.scan.is_above_floor else None
+
+
+def _scan_transforms(update: OdometryUpdate) -> list[TransformMessage]:
+    scan = _scan_of(update)
+    if scan is None:
+        return []
+    frames = FRAME_IDS.base_frame_id, scan.frame_id
+    return [TransformMessage(update.stamp_s, *frames, update.scan.T_base_scan)]
 
 
 def _transforms(topic: str, transforms: list[TransformMessage]) -> EncodedMessage:

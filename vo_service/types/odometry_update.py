@@ -8,6 +8,7 @@ from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array
 from drivers.recording.odometry import OdometryRecord
 from vo_service.types.estimate import Estimate
+from vo_service.types.frame_scan import NO_SCAN, FrameScan
 from vo_service.types.level import UNKNOWN_LEVEL, Level
 from vo_service.types.map_snapshot import NO_MAP, MapSnapshot
 from vo_service.types.occupancy_grid import NO_GRID, OccupancyGrid
@@ -47,6 +48,7 @@ class OdometryUpdate:
         level: How `odom` is kept level.
         map: The pose graph, with the transform of `odom` in the map.
         grid: The occupancy grid of the map.
+        scan: The scan of the frame, made if somebody asks for it.
     """
 
     seq: int
@@ -67,6 +69,7 @@ class OdometryUpdate:
     level: Level = UNKNOWN_LEVEL
     map: MapSnapshot = NO_MAP
     grid: OccupancyGrid = NO_GRID
+    scan: FrameScan = NO_SCAN
 
     @property
     def is_localized(self) -> bool:
@@ -76,6 +79,15 @@ class OdometryUpdate:
         """
         the_map = self.map
         return the_map is NO_MAP or (the_map.is_localized and the_map.epoch == self.epoch)
+
+
+# Adds the scan to an update.
+AddScan = Callable[[OdometryUpdate], OdometryUpdate]
+
+
+def add_no_scan(update: OdometryUpdate) -> OdometryUpdate:
+    """Return the update: nobody may have a scan."""
+    return update
 
 
 # Returns the messages of the wheels since its last call.

@@ -22,7 +22,7 @@ from tests.full_disk import limit_file_size
 from tests.vo_service.wheel_odometry.wheel_driver import CURVE, pose_at, wheel_message
 from tests.waiting import wait_until
 from vo_service.config_tables import ScanConfig
-from vo_service.navigation.robot_scan import RobotScanner
+from vo_service.navigation.frame_scans import FrameScans
 from vo_service.outputs.mcap_recording import open_mcap_recording
 from vo_service.tools.convert import OutputFormat, convert
 from vo_service.types.messages import Status
@@ -123,11 +123,15 @@ def test_scans_of_each_frame_and_the_grid_on_change(
     updates = [replace(make_update(seq), grid=grid if seq else NO_GRID) for seq in range(3)]
     mount = rigid_transform(np.eye(3), (0.0, 0.0, 0.5)) @ T_BODY_CAMERA
     updates = [replace(each, T_odom_camera=each.T_odom_base @ mount) for each in updates]
-    record(tmp_path / "a.mcap", updates, scanner=RobotScanner(ScanConfig(), mount))
+    scans = FrameScans(ScanConfig(), mount)
+    scans.load()
+    updates = [scans.add_to(each) for each in updates]
+    record(tmp_path / "a.mcap", updates)
     found = read_messages(tmp_path / "a.mcap")
-    scanner = RobotScanner(ScanConfig(), mount)
     for message, update in zip(found["/scan"], updates, strict=True):
-        np.testing.assert_array_equal(message.ranges, scanner.message(update).ranges_m)
+        scan = update.scan.message()
+        assert scan is not None
+        np.testing.assert_array_equal(message.ranges, scan.ranges_m)
         assert message.header.frame_id == "camera_scan"
     (written,) = found["/map"]
     np.testing.assert_array_equal(written.data, [FREE, OCCUPIED])
@@ -136,6 +140,17 @@ def test_scans_of_each_frame_and_the_grid_on_change(
     assert "camera_scan" in children
     recording = open_recording(tmp_path / "a.mcap")
     assert len(recording.frames.stamps_s) == 3
+
+
+def test_a_scan_of_a_camera_on_the_floor_is_not_recorded(
+    tmp_path: Path, make_update: MakeUpdate
+) -> None:
+    scans = FrameScans(ScanConfig(), T_BODY_CAMERA)
+    scans.load()
+    record(tmp_path / "a.mcap", [scans.add_to(make_update(0))])
+    found = read_messages(tmp_path / "a.mcap")
+    assert "/scan" not in found
+    assert "camera_scan" not in [each.child_frame_id for each in found["/tf"][0].transforms]
 
 
 def test_the_path_grows_except_while_lost(tmp_path: Path, make_update: MakeUpdate) -> None:

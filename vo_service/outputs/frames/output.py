@@ -11,12 +11,12 @@ from drivers.core.geometry import Array
 from drivers.core.queues import DropOldestQueue, WorkerThread
 from drivers.core.rate_limits import Throttle
 from drivers.ros_messages.navigation import TRANSFORMS_SCHEMA, TransformMessage, encode_transforms
-from vo_service.config_tables import FrameIds, FramesConfig, ScanConfig, ZenohConfig
-from vo_service.navigation.robot_scan import RobotScanner
+from vo_service.config_tables import FrameIds, FramesConfig, ZenohConfig
+from vo_service.navigation.frame_scans import make_T_base_scan
 from vo_service.outputs.frames.camera_transforms import camera_transforms
 from vo_service.outputs.frames.publishers import FrameTopicPublisher
 from vo_service.outputs.frames.shared_payloads import SharedPayloads
-from vo_service.outputs.frames.topics import make_scan_topic, make_topics
+from vo_service.outputs.frames.topics import SCAN_TOPIC, make_topics
 from vo_service.outputs.zenoh.addresses import endpoints_without_roles
 from vo_service.outputs.zenoh.session import declare_latched_publisher
 from vo_service.types.messages import frame_attachment
@@ -33,7 +33,7 @@ class FrameOutputConfig:
     Attributes:
         prefix: Prefix of the keys.
         frames: Rate and coding.
-        scan: Heights and ranges of the scan.
+        has_scan: Whether to publish the scan; None = if images are published.
         T_base_camera: 4x4 pose of the optical camera in the base.
         frame_ids: Names of the frames.
     """
@@ -42,7 +42,7 @@ class FrameOutputConfig:
     frames: FramesConfig
     T_base_camera: Array
     frame_ids: FrameIds = FrameIds()  # noqa: RUF009 (frozen)
-    scan: ScanConfig = ScanConfig()  # noqa: RUF009 (frozen)
+    has_scan: bool | None = None
 
 
 CLOSE_TIMEOUT_S = 2.0
@@ -64,10 +64,9 @@ class FrameOutput(OutputBase):
         self._topics = (
             make_topics(config.frames, config.frame_ids.camera_frame_id) if self._has_images else []
         )
-        self._scanner: RobotScanner | None = None
-        if config.scan.enabled is not False:
-            self._scanner = _open_scanner(config)
-            self._topics[1:1] = [make_scan_topic(self._scanner)]
+        self._has_scan = config.has_scan is not False
+        if self._has_scan:
+            self._topics[1:1] = [SCAN_TOPIC]
         self._publishers: list[FrameTopicPublisher] = []
         self._static_transforms: zenoh.ext.AdvancedPublisher | None = None
         self._shared_payloads = SharedPayloads()
@@ -96,8 +95,8 @@ class FrameOutput(OutputBase):
             transforms += camera_transforms(
                 stamp_s, names.base_frame_id, names.camera_frame_id, config.T_base_camera
             )
-        if self._scanner is not None:
-            T_base_scan = self._scanner.T_base_scan
+        if self._has_scan:
+            T_base_scan = make_T_base_scan(config.T_base_camera)
             transforms.append(
                 TransformMessage(stamp_s, names.base_frame_id, names.scan_frame_id, T_base_scan)
             )
@@ -117,11 +116,6 @@ class FrameOutput(OutputBase):
         if is_wanted and self._throttle.allow(update.stamp_s):
             self._worker.put(update)
 
-    def warn_of_mounting(self) -> None:
-        """Log what is wrong with the camera's mounting for the scan."""
-        if self._scanner is not None:
-            self._scanner.warn()
-
     def close(self) -> None:
         """Send the frame that waits."""
         self._worker.close(CLOSE_TIMEOUT_S)
@@ -138,19 +132,13 @@ class FrameOutput(OutputBase):
         self.warning = ""
 
 
-def _open_scanner(config: FrameOutputConfig) -> RobotScanner:
-    """Open the scanner with its kernels."""
-    RobotScanner.warm_up()
-    return RobotScanner(config.scan, config.T_base_camera, config.frame_ids.scan_frame_id)
-
-
 def open_frame_outputs(config: FrameOutputConfig, zenoh_config: ZenohConfig) -> list[FrameOutput]:
     """Open the output; return nothing if neither frames nor the scan are to be published.
 
     Raises:
         InputError: The configuration of Zenoh is not valid.
     """
-    has_images, has_scan = config.frames.enabled, config.scan.enabled
+    has_images, has_scan = config.frames.enabled, config.has_scan
     exposed = endpoints_without_roles(zenoh_config) if has_images is None else []
     if exposed:
         logger.warning(
@@ -164,13 +152,5 @@ def open_frame_outputs(config: FrameOutputConfig, zenoh_config: ZenohConfig) -> 
         has_scan = has_images
     if not has_images and not has_scan:
         return []
-    output = FrameOutput(
-        replace(
-            config,
-            frames=replace(config.frames, enabled=has_images),
-            scan=replace(config.scan, enabled=has_scan),
-        )
-    )
-    if config.scan.enabled:  # the user asks for it; else a subscriber does
-        output.warn_of_mounting()
-    return [output]
+    frames = replace(config.frames, enabled=has_images)
+    return [FrameOutput(replace(config, frames=frames, has_scan=has_scan))]

@@ -19,7 +19,6 @@ from drivers.ros_messages.sensors import (
     encode_point_cloud,
 )
 from vo_service.config_tables import FramesConfig
-from vo_service.navigation.robot_scan import RobotScanner
 from vo_service.outputs.frames.frame_messages import FrameMessages
 from vo_service.types.messages import timing_payload
 from vo_service.types.odometry_update import OdometryUpdate
@@ -99,11 +98,10 @@ class ImuEncoder:
         return [encode_imu(messages.imu(reading)) for reading in readings]
 
 
-def make_scan_topic(scanner: RobotScanner) -> FrameTopic:
-    """Make the topic of the scan."""
+def encode_scan(update: OdometryUpdate) -> list[bytes]:
+    """Encode the scan, if there is one."""
+    message = update.scan.message()
+    return [] if message is None else [encode_laser_scan(message)]
 
-    def scan(update: OdometryUpdate) -> list[bytes]:
-        scanner.warn()  # somebody wants it, so that its faults matter
-        return [encode_laser_scan(scanner.message(update))]
 
-    return FrameTopic("scan", LASER_SCAN_SCHEMA, scan)
+SCAN_TOPIC = FrameTopic("scan", LASER_SCAN_SCHEMA, encode_scan)

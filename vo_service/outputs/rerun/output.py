@@ -16,7 +16,6 @@ from drivers.core.process.messages import Shutdown, WorkerFailed
 from drivers.core.process.worker_spec import WorkerSpec
 from drivers.core.rate_limits import ExponentialBackoff
 from vo_service.config_tables import RerunConfig
-from vo_service.navigation.robot_scan import RobotScanner
 from vo_service.outputs.rerun.messages import (
     RerunHealth,
     RerunMessage,
@@ -91,7 +90,6 @@ class RerunOutput(ProcessOutput[OdometryUpdate | Status | TextLog, RerunWorkerCo
         settings: Rates and limits.
         ground_truth: Returns the true trajectory once it is known, to be drawn too.
         playback_mode: Whether a replay may wait for the output.
-        scanner: Makes the scans that are drawn; None = no scans.
 
     Raises:
         InputError: Rerun is not installed, or the file is not usable.
@@ -104,13 +102,12 @@ class RerunOutput(ProcessOutput[OdometryUpdate | Status | TextLog, RerunWorkerCo
         settings: RerunConfig = RerunConfig(),  # noqa: B008 (frozen)
         ground_truth: GroundTruthSource = no_ground_truth,
         playback_mode: PlaybackMode = PlaybackMode.REALTIME,
-        scanner: RobotScanner | None = None,
     ) -> None:
         prepare_rerun()
         super().__init__("rerun", CLOSE_TIMEOUT_S)
         self._sink = sink
         self._is_paused = False
-        self._encoder = UpdateEncoder(sink, 1.0 / settings.picture_hz, ground_truth, scanner)
+        self._encoder = UpdateEncoder(sink, 1.0 / settings.picture_hz, ground_truth)
         self._faults = RerunFaultReporter(sink.address)
         self._settled = threading.Event()  # it draws, or is known to be unable to
         self._start_error: UserFacingError | None = None
@@ -230,14 +227,12 @@ def open_rerun_output(
     settings: RerunConfig = RerunConfig(),  # noqa: B008 (frozen)
     ground_truth: GroundTruthSource = no_ground_truth,
     playback_mode: PlaybackMode = PlaybackMode.REALTIME,
-    scanner: RobotScanner | None = None,
 ) -> RerunOutput:
     """Open a target as users write it: serve, connect, connect:HOST:PORT or FILE.rrd.
 
     Args:
         ground_truth: As for `RerunOutput`.
         playback_mode: As for `RerunOutput`.
-        scanner: As for `RerunOutput`.
 
     Raises:
         InputError: As `RerunOutput`, or the target is invalid.
@@ -246,7 +241,7 @@ def open_rerun_output(
     for _ in range(MAX_PORT_ATTEMPTS - 1):
         try:
             sink = make_sink(target, settings)
-            return RerunOutput(sink, settings, ground_truth, playback_mode, scanner)
+            return RerunOutput(sink, settings, ground_truth, playback_mode)
         except PortTakenError:  # another program took the port after `make_sink` found it free
             continue
-    return RerunOutput(make_sink(target, settings), settings, ground_truth, playback_mode, scanner)
+    return RerunOutput(make_sink(target, settings), settings, ground_truth, playback_mode)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from drivers.core.geometry import Trajectory, inverse, transform_points
 from drivers.core.rate_limits import Throttle
-from vo_service.navigation.robot_scan import RobotScanner
+from drivers.ros_messages.sensors import LaserScanMessage
 from vo_service.outputs.rerun.messages import (
     CorrectedPosition,
     FrameImages,
@@ -106,9 +106,8 @@ class UpdateEncoder:
         sink: Sink,
         image_period_s: float,
         ground_truth: GroundTruthSource,
-        scanner: RobotScanner | None = None,
     ) -> None:
-        self._scanner, self._grid = scanner, NO_GRID
+        self._grid = NO_GRID
         self._rate_clock_s = sink.rate_clock_s
         self._throttle = Throttle(image_period_s)
         self._ground_truth = ground_truth
@@ -144,22 +143,14 @@ class UpdateEncoder:
 
     def _encode_navigation(self, update: OdometryUpdate) -> Iterator[RerunMessage]:
         """Yield the scan, and the occupancy grid if it has changed."""
-        if self._scanner is not None:
-            yield self._encode_scan(self._scanner, update)
+        scan = update.scan.message() if update.scan.is_above_floor else None
+        if scan is not None:
+            yield _place_scan(scan, update)
         if update.grid is not self._grid:
             self._grid = update.grid
             cells = self._map.place_grid(update.grid)
             self.initial_state = replace(self.initial_state, grid=cells)
             yield cells
-
-    def _encode_scan(self, scanner: RobotScanner, update: OdometryUpdate) -> ScanPoints:
-        scan = scanner.message(update)
-        is_hit = np.isfinite(scan.ranges_m)
-        ranges, angles = scan.ranges_m[is_hit], scan.angles_rad[is_hit]
-        ends = np.stack([ranges * np.cos(angles), ranges * np.sin(angles), 0.0 * ranges], axis=1)
-        T_world_odom = update.T_world_camera @ inverse(update.T_odom_camera)
-        T_world_scan = T_world_odom @ update.T_odom_base @ scanner.T_base_scan
-        return ScanPoints(transform_points(T_world_scan, ends).astype(np.float32))
 
     def encode_status(self, status: Status) -> TrackingStatus:
         """Encode a status: the state may change without a frame."""
@@ -189,6 +180,16 @@ class UpdateEncoder:
             self._ground_truth = no_ground_truth
             self.initial_state = replace(self.initial_state, ground_truth=ground_truth)
             yield ground_truth
+
+
+def _place_scan(scan: LaserScanMessage, update: OdometryUpdate) -> ScanPoints:
+    """Place the ends of the scan's ranges in the world."""
+    is_hit = np.isfinite(scan.ranges_m)
+    ranges, angles = scan.ranges_m[is_hit], scan.angles_rad[is_hit]
+    ends = np.stack([ranges * np.cos(angles), ranges * np.sin(angles), 0.0 * ranges], axis=1)
+    T_world_odom = update.T_world_camera @ inverse(update.T_odom_camera)
+    T_world_scan = T_world_odom @ update.T_odom_base @ update.scan.T_base_scan
+    return ScanPoints(transform_points(T_world_scan, ends).astype(np.float32))
 
 
 def _align_ground_truth(ground_truth: Trajectory, update: OdometryUpdate) -> GroundTruth | None:

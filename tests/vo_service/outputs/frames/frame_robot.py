@@ -10,7 +10,8 @@ import numpy as np
 from drivers.camera import AccelerometerReading
 from drivers.core.geometry import T_BODY_CAMERA, rigid_transform
 from tests.vo_service.outputs.zenoh.query_helpers import config
-from vo_service.config_tables import FrameIds, FramesConfig
+from vo_service.config_tables import FrameIds, FramesConfig, ScanConfig
+from vo_service.navigation.frame_scans import FrameScans
 from vo_service.outputs.frames.output import FrameOutput, FrameOutputConfig
 from vo_service.outputs.zenoh.output import ZenohOutput
 from vo_service.outputs.zenoh.session_endpoints import ExtraEndpoints
@@ -42,6 +43,7 @@ class Robot:
                 on_session=self.frames.declare, on_pose=self.frames.queue
             ),
         )
+        self._scans = FrameScans(ScanConfig(), T_BASE_CAMERA, frame_ids.scan_frame_id)
         self._make_update = make_update
         self._seq = 0
 
@@ -53,6 +55,7 @@ class Robot:
         frame = replace(update.frame, accelerometer=tuple(readings))
         T_odom_camera = update.T_odom_base @ T_BASE_CAMERA
         update = replace(update, frame=frame, T_odom_camera=T_odom_camera)
+        update = self._scans.add_to(update)
         self.poses.on_update(update)
         self._seq += 1
         return update

@@ -25,7 +25,7 @@ from drivers.ros_messages.sensors import IMU_SCHEMA
 from tests.vo_service.outputs.frames.frame_robot import MakeUpdate, Robot
 from tests.vo_service.outputs.zenoh.query_helpers import connected_session
 from tests.waiting import wait_until
-from vo_service.config_tables import FramesConfig, ScanConfig, ZenohConfig
+from vo_service.config_tables import FramesConfig, ZenohConfig
 from vo_service.outputs.frames.output import FrameOutputConfig, open_frame_outputs
 from vo_service.outputs.zenoh.output import ZenohOutput
 from vo_service.outputs.zenoh.session_endpoints import ExtraEndpoints
@@ -288,8 +288,8 @@ def test_the_configuration_decides_where_it_says_so(enabled: bool, count: int) -
     assert len(opened) == count
 
 
-def topics_of(frames: FramesConfig, scan: ScanConfig, listen: str) -> list[str]:
-    settings = FrameOutputConfig("kinect", frames, T_BODY_CAMERA, scan=scan)
+def topics_of(frames: FramesConfig, has_scan: bool | None, listen: str) -> list[str]:
+    settings = FrameOutputConfig("kinect", frames, T_BODY_CAMERA, has_scan=has_scan)
     opened = open_frame_outputs(settings, ZenohConfig(listen=(listen,)))
     for output in opened:
         output.close()
@@ -301,17 +301,7 @@ def topics_of(frames: FramesConfig, scan: ScanConfig, listen: str) -> list[str]:
 def test_images_and_the_scan_are_enabled_apart(frames: bool | None, scan: bool | None) -> None:
     local, network = "tcp/127.0.0.1:7450", "tcp/0.0.0.0:7450"
     for listen, default in ((local, True), (network, False)):
-        names = topics_of(FramesConfig(enabled=frames), ScanConfig(enabled=scan), listen)
+        names = topics_of(FramesConfig(enabled=frames), scan, listen)
         has_images = default if frames is None else frames
         assert ("color/image" in names) == has_images
         assert ("scan" in names) == (has_images if scan is None else scan)
-
-
-def test_a_mounting_on_the_floor_is_a_warning_once_the_scan_is_wanted(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
-    text = "set translation_m to its position above the floor"
-    topics_of(FramesConfig(), ScanConfig(), "tcp/127.0.0.1:7450")
-    assert text not in caplog.text
-    topics_of(FramesConfig(), ScanConfig(enabled=True), "tcp/127.0.0.1:7450")
-    assert caplog.text.count(text) == 1

@@ -12,15 +12,13 @@ import pytest
 
 from drivers.camera import PlaybackMode
 from drivers.ros_messages.sensors import LaserScanMessage
-from tests.vo_service.fakes import good_estimate
-from tests.vo_service.navigation.views import mounted, wall_on_floor
+from tests.vo_service.navigation.views import mounted, update_of, wall_on_floor
 from tests.waiting import wait_until
 from vo_service.app import OutputsConfig, open_scans
 from vo_service.config import Config, MountingConfig
 from vo_service.config_tables import RerunConfig, ScanConfig, ZenohConfig
 from vo_service.navigation.frame_scans import FrameScans
 from vo_service.navigation.robot_scan import RobotScanner
-from vo_service.odom_frame import OdomFrame, StampedFrame
 from vo_service.types.odometry_update import OdometryUpdate, add_no_scan
 
 MOUNT = mounted(0.5, 10.0)
@@ -28,9 +26,7 @@ FRAME = wall_on_floor(MOUNT, 2.0)
 
 
 def update_at(stamp_s: float) -> OdometryUpdate:
-    return OdomFrame(MOUNT).update(
-        StampedFrame(replace(FRAME, stamp_s=stamp_s), stamp_s), good_estimate(np.eye(4)), {}, 0.0
-    )
+    return update_of(FRAME, MOUNT, stamp_s)
 
 
 @pytest.fixture

@@ -1,9 +1,14 @@
 """Depth images of a floor with a box on it, by geometry."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import T_BODY_CAMERA, Array, rigid_transform, so3_exp
+from tests.vo_service.fakes import good_estimate
+from vo_service.odom_frame import OdomFrame, StampedFrame
+from vo_service.types.odometry_update import OdometryUpdate
 
 CAMERA = PinholeCamera(320, 240, 290.0, 290.0, 159.5, 119.5)
 MAX_DEPTH_M = 8.0
@@ -48,3 +53,10 @@ def wall_on_floor(
     to_wall[~((height >= low_m) & (height <= high_m))] = np.inf
     depth = np.minimum(to_floor, to_wall)
     return frame_of(np.where(depth <= MAX_DEPTH_M, depth, 0.0))
+
+
+def update_of(frame: RgbdFrame, T_base_camera: Array, stamp_s: float) -> OdometryUpdate:
+    """The update of a base at the origin of `odom` and of the world."""
+    frame = replace(frame, stamp_s=stamp_s)
+    estimate = good_estimate(np.eye(4))
+    return OdomFrame(T_base_camera).update(StampedFrame(frame, stamp_s), estimate, {}, 0.0)

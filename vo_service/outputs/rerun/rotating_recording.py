@@ -10,6 +10,7 @@ from drivers.core.write_errors import WriteError, is_disk_full
 from vo_service.outputs.rerun.blueprint import make_blueprint
 from vo_service.outputs.rerun.messages import (
     FrameScalars,
+    GridCells,
     GroundTruth,
     InitialState,
     MapGraph,
@@ -67,6 +68,8 @@ class RotatingRecording:
                 self._initial_state = replace(self._initial_state, ground_truth=message)
             case MapGraph():
                 self._initial_state = replace(self._initial_state, graph=message)
+            case GridCells():
+                self._initial_state = replace(self._initial_state, grid=message)
             case TrajectoryPoint(position, epoch):
                 if not self._initial_state.trajectory.add(position, epoch):
                     return

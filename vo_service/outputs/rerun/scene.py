@@ -112,6 +112,7 @@ class RerunScene:
         self._jpeg_quality = jpeg_quality
         self._last_logged_state: TrackingStatus | None = None
         self._last_timing: OnlineTiming | None = None
+        self._has_grid = False
         self._log_static()
         self._log_initial_state(initial_state)
 
@@ -171,8 +172,10 @@ class RerunScene:
 
     def _log_grid(self, grid: GridCells) -> None:
         """Draw the cells; an empty grid before the first one is not drawn."""
-        if not len(grid.occupied) and not len(grid.free):
+        is_empty = not len(grid.occupied) and not len(grid.free)
+        if is_empty and not self._has_grid:
             return
+        self._has_grid = not is_empty
         for name, positions, color in (
             ("occupied", grid.occupied, OCCUPIED_COLOR),
             ("free", grid.free, FREE_COLOR),

@@ -39,12 +39,16 @@ class MapEncoder:
     The transform from map to world stays fixed while the map is corrected. Corrected keyframes thus
     move onto the ground truth and away from the odometry's trajectory. Until the camera is
     localized, the transform follows the camera's pose.
+
+    Attributes:
+        graph: The map in the world.
+        T_world_map: 4x4; another object when it changes.
     """
 
     def __init__(self) -> None:
         self._throttle = Throttle(MIN_PERIOD_S)
         self._map: MapSnapshot = NO_MAP
-        self._T_world_map = np.eye(4)
+        self.T_world_map = np.eye(4)
         self._is_anchored = False
         self._is_sent = True
         self.graph = MapGraph()
@@ -56,7 +60,7 @@ class MapEncoder:
         self._map, self._is_sent = update.map, False
         if not self._is_anchored:
             T_map_camera = self._map.T_map_odom @ update.T_odom_camera
-            self._T_world_map = update.T_world_camera @ inverse(T_map_camera)
+            self.T_world_map = update.T_world_camera @ inverse(T_map_camera)
             self._is_anchored = update.is_localized
         self.graph = self._build_graph()
 
@@ -74,7 +78,7 @@ class MapEncoder:
     def place_grid(self, grid: OccupancyGrid) -> GridCells:
         """Place the cells of the occupancy grid in the world."""
         occupied, free = (
-            transform_points(self._T_world_map, grid.centers_m(value)).astype(np.float32)
+            transform_points(self.T_world_map, grid.centers_m(value)).astype(np.float32)
             for value in (OCCUPIED, FREE)
         )
         return GridCells(occupied, free, grid.resolution_m)
@@ -83,11 +87,11 @@ class MapEncoder:
         """Yield the camera's position in the map, if the map is of the same epoch."""
         if self._map is not NO_MAP and self._map.epoch == update.epoch:
             T_map_camera = self._map.T_map_odom @ update.T_odom_camera
-            yield CorrectedPosition((self._T_world_map @ T_map_camera)[:3, 3])
+            yield CorrectedPosition((self.T_world_map @ T_map_camera)[:3, 3])
 
     def _build_graph(self) -> MapGraph:
         snapshot = self._map
-        in_world = transform_points(self._T_world_map, snapshot.T_map_keyframe[:, :3, 3])
+        in_world = transform_points(self.T_world_map, snapshot.T_map_keyframe[:, :3, 3])
         positions: NDArray[np.float32] = in_world.astype(np.float32)
         lines = positions[snapshot.edges]
         is_loop = snapshot.is_loop_closure
@@ -107,11 +111,11 @@ class UpdateEncoder:
         image_period_s: float,
         ground_truth: GroundTruthSource,
     ) -> None:
-        self._grid = NO_GRID
         self._rate_clock_s = sink.rate_clock_s
         self._throttle = Throttle(image_period_s)
         self._ground_truth = ground_truth
         self._map = MapEncoder()
+        self._grid, self._T_world_grid = NO_GRID, self._map.T_world_map
         self.initial_state = InitialState()
 
     def encode_update(self, update: OdometryUpdate) -> Iterator[RerunMessage]:
@@ -142,12 +146,12 @@ class UpdateEncoder:
             yield from self._encode_navigation(update)
 
     def _encode_navigation(self, update: OdometryUpdate) -> Iterator[RerunMessage]:
-        """Yield the scan, and the occupancy grid if it has changed."""
+        """Yield the scan, and the occupancy grid if it or its place in the world has changed."""
         scan = update.scan.message() if update.scan.is_above_floor else None
         if scan is not None:
             yield _place_scan(scan, update)
-        if update.grid is not self._grid:
-            self._grid = update.grid
+        if update.grid is not self._grid or self._map.T_world_map is not self._T_world_grid:
+            self._grid, self._T_world_grid = update.grid, self._map.T_world_map
             cells = self._map.place_grid(update.grid)
             self.initial_state = replace(self.initial_state, grid=cells)
             yield cells

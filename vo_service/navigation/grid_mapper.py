@@ -32,6 +32,11 @@ class GridMapper:
         self._mounting = LevelMounting(T_base_camera)
         self._resolution_m, self._range_max_m = resolution_m, range_max_m
 
+    @property
+    def is_above_floor(self) -> bool:
+        """Whether the camera on a level base is higher than the least obstacle."""
+        return self._mounting.height_m > self._config.min_height_m
+
     def cells(self, frame: RgbdFrame, T_odom_camera: Array) -> LocalCells:
         """Return the cells of a frame; none if the camera is not higher than an obstacle.
 

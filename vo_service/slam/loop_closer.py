@@ -128,12 +128,12 @@ class LoopCloser:
             ),
             edges=np.array([(rows[e.a], rows[e.b]) for e in edges], np.int32).reshape(-1, 2),
             is_loop_closure=np.array([edge.is_loop for edge in edges], np.bool_),
-            is_localized=self._is_localized,
+            is_localized=self.is_localized,
             epoch=self.world_id,
         )
 
     @property
-    def _is_localized(self) -> bool:
+    def is_localized(self) -> bool:
         """Whether the current world frame is connected with the oldest keyframe."""
         last, oldest = self._last_keyframe, next(iter(self.database), None)
         return oldest is None or (last is not None and self._are_connected(oldest, last))

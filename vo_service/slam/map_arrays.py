@@ -1,4 +1,4 @@
-"""Arrays of a saved map: packing into bytes, and conversion from and to keyframes and graph.
+"""Arrays of a saved map: packing into bytes, and conversion from and to its parts.
 
 The bytes are an index in JSON, then the numbers. Nothing in the data is executed. The reader checks
 each array by `require_array`.
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera
 from drivers.core.geometry import Array, is_rigid
+from vo_service.navigation.local_grid import CellKind
 from vo_service.odometry.direct.image_pyramid import NUM_LEVELS
 from vo_service.odometry.direct.points import NUM_POINT_COLUMNS, POINT_BRIGHTNESS
 from vo_service.odometry.features.descriptor import DESCRIPTOR_SIZE
@@ -26,7 +27,8 @@ from vo_service.slam.keyframe_database import (
     PackedPoints,
     VladVocabulary,
 )
-from vo_service.slam.pose_graph import Node
+from vo_service.slam.map_cells import NO_MAP_CELLS, FrameCells, MapCells
+from vo_service.slam.pose_graph import AnchoredPose, Node
 
 Number = TypeVar("Number", bound=np.generic)
 Arrays = Mapping[str, NDArray[np.generic]]
@@ -34,7 +36,7 @@ Arrays = Mapping[str, NDArray[np.generic]]
 # Length of the index, before the index.
 _INDEX_LENGTH = struct.Struct("<Q")
 # NumPy dtypes, all little-endian.
-SUPPORTED_DTYPES = frozenset({"|b1", "|i1", "<i8", "<f2", "<f4", "<f8"})
+SUPPORTED_DTYPES = frozenset({"|b1", "|i1", "<i2", "<i8", "<f2", "<f4", "<f8"})
 # Longest side of an array.
 MAX_DIMENSION = 2**40
 # Side of any length.
@@ -282,3 +284,58 @@ def _points_from_arrays(arrays: Arrays, n: int, level: int) -> PackedPoints:
     )
     shape = (len(position_m), NUM_POINT_COLUMNS - POINT_BRIGHTNESS)
     return PackedPoints(position_m, require_array(arrays, f"{n}/points/{level}", np.float16, shape))
+
+
+_RESOLUTION, _ANCHOR, _POSE = "cells/resolution_m", "cells/anchor", "cells/T"
+_COUNT, _CELLS = "cells/count", "cells/cells"
+# In the file: a pose that is relative to the map.
+_NO_KEYFRAME = -1
+
+
+def cells_to_arrays(cells: MapCells) -> dict[str, NDArray[np.generic]]:
+    """Convert cells to arrays; none without frames."""
+    if not cells.frames:
+        return {}
+    poses = [frame.anchored_pose for frame in cells.frames]
+    anchors = [
+        _NO_KEYFRAME if pose.keyframe_number is None else pose.keyframe_number for pose in poses
+    ]
+    return {
+        _RESOLUTION: np.array(cells.resolution_m, np.float64),
+        _ANCHOR: np.array(anchors, np.int64),
+        _POSE: np.array([pose.T_keyframe_camera for pose in poses], np.float64),
+        _COUNT: np.array([len(frame.cells) for frame in cells.frames], np.int64),
+        _CELLS: np.concatenate([frame.cells for frame in cells.frames]),
+    }
+
+
+def cells_from_arrays(arrays: Arrays, numbers: Set[int]) -> MapCells:
+    """Convert arrays to cells; `NO_MAP_CELLS` if there are none.
+
+    Args:
+        numbers: Of the keyframes.
+
+    Raises:
+        ValueError: If they are invalid.
+    """
+    if _COUNT not in arrays:
+        return NO_MAP_CELLS
+    resolution_m = float(require_array(arrays, _RESOLUTION, np.float64, ()))
+    counts = require_array(arrays, _COUNT, np.int64, (ANY_LENGTH,))
+    anchors = require_array(arrays, _ANCHOR, np.int64, (len(counts),)).tolist()
+    poses = require_poses(arrays, _POSE, len(counts))
+    cells = require_array(arrays, _CELLS, np.int16, (ANY_LENGTH, 3))
+    if resolution_m <= 0.0 or np.any(counts < 0) or counts.sum() != len(cells):
+        raise ValueError("has an invalid number or size of cells")
+    if not np.all(np.isin(cells[:, 2], list(CellKind))):
+        raise ValueError("has cells of an unknown kind")
+    if not set(anchors) <= numbers | {_NO_KEYFRAME}:
+        raise ValueError("has cells at missing keyframes")
+    parts = np.split(cells, np.cumsum(counts)[:-1])
+    return MapCells(
+        resolution_m,
+        [
+            FrameCells(AnchoredPose(None if anchor == _NO_KEYFRAME else anchor, T), part)
+            for anchor, T, part in zip(anchors, poses, parts, strict=True)
+        ],
+    )

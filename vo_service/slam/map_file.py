@@ -1,4 +1,4 @@
-"""Map file: all keyframes and the pose graph, so that a robot can relocalize after a restart."""
+"""Map file: keyframes, pose graph and cells, so that a robot can relocalize after a restart."""
 
 import hashlib
 import os
@@ -15,6 +15,8 @@ from drivers.core.input_files import open_input
 from vo_service.slam.graph_edges import Edge
 from vo_service.slam.keyframe_database import MapKeyframe
 from vo_service.slam.map_arrays import (
+    cells_from_arrays,
+    cells_to_arrays,
     edges_from_arrays,
     graph_to_arrays,
     keyframes_from_arrays,
@@ -24,6 +26,7 @@ from vo_service.slam.map_arrays import (
     require_array,
     unpack_arrays,
 )
+from vo_service.slam.map_cells import NO_MAP_CELLS, MapCells
 from vo_service.slam.pose_graph import Node
 
 SCHEMA = 1
@@ -44,12 +47,14 @@ class MapContents:
         nodes: Of the pose graph, one for each keyframe.
         edges: Between the nodes.
         next_number: Number of the next keyframe: no number is used twice.
+        cells: Of the occupancy grid.
     """
 
     keyframes: Sequence[MapKeyframe]
     nodes: Sequence[Node]
     edges: Sequence[Edge]
     next_number: int
+    cells: MapCells = NO_MAP_CELLS
 
 
 def write_map(path: Path, contents: MapContents) -> None:
@@ -89,6 +94,7 @@ def _serialize(contents: MapContents) -> bytes:
             "next_number": np.array(contents.next_number, np.int64),
             **keyframes_to_arrays(contents.keyframes),
             **graph_to_arrays(contents.nodes, contents.edges),
+            **cells_to_arrays(contents.cells),
         }
     )
 
@@ -102,7 +108,8 @@ def _deserialize(data: bytes) -> MapContents:
     next_number = int(require_array(arrays, "next_number", np.int64, ()))
     if next_number <= max(numbers, default=-1):
         raise ValueError("has a keyframe with the number of the next one")
-    return MapContents(keyframes, nodes, edges_from_arrays(arrays, numbers), next_number)
+    edges, cells = edges_from_arrays(arrays, numbers), cells_from_arrays(arrays, numbers)
+    return MapContents(keyframes, nodes, edges, next_number, cells)
 
 
 def _read_verified(path: Path) -> bytes:

@@ -14,9 +14,10 @@ from tests.vo_service.slam.corner_keyframes import (
 )
 from vo_service.slam.graph_edges import Edge
 from vo_service.slam.keyframe_database import MapKeyframe
+from vo_service.slam.map_cells import FrameCells, MapCells
 from vo_service.slam.map_file import MapContents
 from vo_service.slam.place_recognizer import PlaceRecognizer
-from vo_service.slam.pose_graph import PoseGraph
+from vo_service.slam.pose_graph import AnchoredPose, PoseGraph
 
 
 @pytest.fixture(scope="session")
@@ -49,4 +50,9 @@ def contents(here: MapKeyframe, elsewhere: MapKeyframe) -> MapContents:
     graph.add_loop_closure(loop)
     first, second = graph.nodes.values()
     drifted = replace(second, T_world_keyframe=BESIDE)  # the map knows better than the odometry
-    return MapContents([here, elsewhere], [first, drifted], list(graph.edges), 7)
+    frames = [
+        FrameCells(AnchoredPose(1, T), np.array([[40, -3, 1], [12, 0, 0], [13, 0, 2]], np.int16)),
+        FrameCells(AnchoredPose(None, HERE), np.array([[-5, 7, 0]], np.int16)),
+    ]
+    cells = MapCells(0.05, frames)
+    return MapContents([here, elsewhere], [first, drifted], list(graph.edges), 7, cells)

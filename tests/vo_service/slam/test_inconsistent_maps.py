@@ -9,8 +9,9 @@ import pytest
 
 from tests.vo_service.slam.corner_keyframes import HERE
 from tests.vo_service.slam.map_errors import load_error
+from vo_service.slam.map_cells import FrameCells
 from vo_service.slam.map_file import MapContents, write_map
-from vo_service.slam.pose_graph import Node
+from vo_service.slam.pose_graph import AnchoredPose, Node
 
 Changed = Callable[[MapContents], MapContents]
 
@@ -69,6 +70,29 @@ def _backwards(contents: MapContents) -> MapContents:
     return replace(contents, keyframes=contents.keyframes[::-1])
 
 
+def _with_frame(contents: MapContents, frame: FrameCells) -> MapContents:
+    return replace(contents, cells=replace(contents.cells, frames=[frame]))
+
+
+def _unknown_cells(contents: MapContents) -> MapContents:
+    frame = contents.cells.frames[0]
+    return _with_frame(contents, replace(frame, cells=frame.cells + np.int16(2)))
+
+
+def _cells_nowhere(contents: MapContents) -> MapContents:
+    frame = contents.cells.frames[0]
+    return _with_frame(contents, replace(frame, anchored_pose=AnchoredPose(9, HERE)))
+
+
+def _skewed_cells(contents: MapContents) -> MapContents:
+    frame = contents.cells.frames[0]
+    return _with_frame(contents, replace(frame, anchored_pose=AnchoredPose(0, 2 * HERE)))
+
+
+def _cells_without_size(contents: MapContents) -> MapContents:
+    return replace(contents, cells=replace(contents.cells, resolution_m=0.0))
+
+
 @pytest.mark.parametrize(
     "change",
     [
@@ -84,6 +108,10 @@ def _backwards(contents: MapContents) -> MapContents:
         _skewed,
         _without_levels,
         _backwards,
+        _unknown_cells,
+        _cells_nowhere,
+        _skewed_cells,
+        _cells_without_size,
     ],
 )
 def test_inconsistent_contents_are_rejected(

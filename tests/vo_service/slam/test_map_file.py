@@ -12,6 +12,7 @@ from drivers.core import InputError, UserFacingError
 from tests.vo_service.slam.corner_keyframes import BESIDE, ELSEWHERE, make_query
 from tests.vo_service.slam.map_errors import load_error
 from vo_service.slam.keyframe_database import MapKeyframe
+from vo_service.slam.map_cells import NO_MAP_CELLS
 from vo_service.slam.map_file import HEADER, MAGIC, MapContents, read_map, write_map
 from vo_service.slam.place_recognizer import PlaceRecognizer
 from vo_service.slam.pose_graph import PoseGraph
@@ -52,6 +53,18 @@ def test_a_map_is_restored_unchanged(saved: Path, contents: MapContents) -> None
         assert (its_node.number, its_node.world_id) == (node.number, node.world_id)
         assert np.array_equal(its_node.T_map_keyframe, node.T_map_keyframe)
         assert np.array_equal(its_node.T_world_keyframe, node.T_world_keyframe)
+    assert again.cells.resolution_m == contents.cells.resolution_m
+    for frame, its_frame in zip(contents.cells.frames, again.cells.frames, strict=True):
+        was_at, is_at = frame.anchored_pose, its_frame.anchored_pose
+        assert is_at.keyframe_number == was_at.keyframe_number
+        assert np.array_equal(is_at.T_keyframe_camera, was_at.T_keyframe_camera)
+        assert np.array_equal(its_frame.cells, frame.cells)
+
+
+def test_a_map_without_cells_is_valid(tmp_path: Path, contents: MapContents) -> None:
+    write_map(tmp_path / "old.map", replace(contents, cells=NO_MAP_CELLS))
+    assert b"cells/" not in (tmp_path / "old.map").read_bytes()
+    assert read_map(tmp_path / "old.map").cells is NO_MAP_CELLS
 
 
 def test_a_keyframe_is_recognized_the_same_after_a_restart(

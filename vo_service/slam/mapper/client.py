@@ -213,6 +213,9 @@ class LiveMapper(ProcessOutput[_QueueItem, MapperWorkerConfig]):
         with self._lock:
             if not result.error:  # a restarted process loads it as well
                 logger.info("%s: %s: loaded %d keyframes", NAME, result.file, result.keyframe_count)
+                if result.grid_fault:
+                    log_format = "%s: %s: %s; the grid is empty until its places are seen again"
+                    logger.warning(log_format, NAME, result.file, result.grid_fault)
                 settings = replace(self._config.map_config, load=result.file.stem)
                 self._config = replace(self._config, map_config=settings)
                 self.state = replace(self.state, loaded=str(result.file))

@@ -1,6 +1,7 @@
 """Loop closure in the mapper process: keyframes, loops and relocalization."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -11,7 +12,8 @@ from vo_service.config_tables import MapConfig
 from vo_service.frame_record import decode_frame, decode_metadata
 from vo_service.slam.keyframe_selection import OdometryConstraint
 from vo_service.slam.loop_closer import KeyframeObservation
-from vo_service.slam.map_file import read_map, write_map
+from vo_service.slam.map_cells import MapCells
+from vo_service.slam.map_file import MapContents, read_map, write_map
 from vo_service.slam.mapper.map_store import MapStore
 from vo_service.slam.mapper.messages import RelocalizationQuery, SendMapperMessage
 from vo_service.slam.pose_graph import AnchoredPose, NodeRemoval
@@ -65,25 +67,32 @@ class LoopClosureWorker:
         if result is not None:
             self._send(result)
 
-    def save(self, store: MapStore, name: str, max_total_bytes: int) -> None:
-        """Write the map.
+    @property
+    def is_localized(self) -> bool:
+        """Whether the current world frame is connected with the oldest keyframe."""
+        return self._loop_closer.is_localized
+
+    def save(self, store: MapStore, name: str, max_total_bytes: int, cells: MapCells) -> None:
+        """Write the map, with the cells of its occupancy grid.
 
         Raises:
             UserFacingError: If that fails.
         """
-        write = partial(write_map, contents=self._loop_closer.contents)
+        contents = replace(self._loop_closer.contents, cells=cells)
+        write = partial(write_map, contents=contents)
         store.write(store.map_file(name), max_total_bytes, write)
 
-    def load(self, file: Path) -> int:
-        """Replace the map by that of a file; return its number of keyframes.
+    def load(self, file: Path) -> MapContents:
+        """Replace the map by that of a file, and return it.
 
         Raises:
             InputError: If it is not valid.
         """
         with announce_if_slow(f"loading {file}"):
-            self._loop_closer = create_loop_closer_from_map(read_map(file), self._settings)
+            contents = read_map(file)
+            self._loop_closer = create_loop_closer_from_map(contents, self._settings)
         self._send(self._loop_closer.snapshot)
-        return len(self._loop_closer.database)
+        return contents
 
     def anchor_to_last_keyframe(self, T_odom_camera: Array) -> AnchoredPose:
         return self._loop_closer.anchor_to_last_keyframe(T_odom_camera)

@@ -100,11 +100,19 @@ class SaveMapResult:
 
 @dataclass(frozen=True)
 class LoadMapResult:
-    """From the mapper: result of a `LoadMapRequest`; `error` is "" for success."""
+    """From the mapper: result of a `LoadMapRequest`.
+
+    Attributes:
+        file: Path of the map.
+        keyframe_count: Number of its keyframes.
+        error: "" for success.
+        grid_fault: Why it has no cells of the occupancy grid; "" if it has.
+    """
 
     file: Path
     keyframe_count: int = 0
     error: str = ""
+    grid_fault: str = ""
 
 
 # A snapshot and the grid are sent when they have changed, a relocalization result when a frame is

@@ -39,6 +39,8 @@ from vo_service.types.occupancy_grid import NO_GRID
 from vo_service.types.odometry_update import TrackingState
 
 if TYPE_CHECKING:  # its libraries take a second and a hundred megabytes
+    from vo_service.slam.map_cells import MapCells
+    from vo_service.slam.map_file import MapContents
     from vo_service.slam.mapper.loop_closure_worker import LoopClosureWorker
     from vo_service.slam.pose_graph import NodeRemoval
 
@@ -128,7 +130,7 @@ class MapperWorker:
             if record is not None:  # None if it is already overwritten
                 self._process_record(record)
         self._loop_closure.answer_query()
-        self._grid.send_if_due(self._keyframes, self._loop_closure.T_map_camera)
+        self._grid.send_if_due(self._keyframes, self._loop_closure)
         return first < last
 
     def handle(self, request: SaveMapRequest | LoadMapRequest | MapConfig) -> None:
@@ -163,6 +165,7 @@ class MapperWorker:
         self._grid.mark_stale()
         for removal in self._loop_closure.process_record(record):
             self._keyframes.re_anchor(removal)
+            self._grid.re_anchor(removal)
         published = decode_metadata(record.metadata).published
         is_tracked = published.state is TrackingState.TRACKING  # else it is only a query
         if is_tracked and self._keyframes.accepts(published.epoch, published.T_world_camera):
@@ -178,22 +181,24 @@ class MapperWorker:
         """Load a map. Earlier mesh keyframes belong to the old map and are dropped."""
         file = self._store.map_file(name)
         try:
-            keyframe_count = self._loop_closure.load(file)
+            contents = self._loop_closure.load(file)
         except InputError as error:
             self._send(LoadMapResult(file, error=str(error)))
             return
         self._keyframes.clear()
-        self._grid.mark_stale()
-        self._send(LoadMapResult(file, keyframe_count))
+        grid_fault = self._grid.load(contents.cells)
+        self._send(LoadMapResult(file, len(contents.keyframes), grid_fault=grid_fault))
 
     def _save_map(self, name: str) -> None:
         """Write the map and its grid, and start the mesh job."""
         file = self._store.mesh_file(name)
         try:
-            self._loop_closure.save(self._store, name, self._settings.total_mb * MEGABYTE)
-            grid = self._grid.render(self._keyframes, self._loop_closure.T_map_camera)
+            max_total_bytes = self._settings.total_mb * MEGABYTE
+            cells = self._grid.contents(self._keyframes, self._loop_closure)
+            self._loop_closure.save(self._store, name, max_total_bytes, cells)
+            grid = self._grid.render(self._keyframes, self._loop_closure)
             if grid is not NO_GRID:
-                self._store.write_grid(name, grid, self._settings.total_mb * MEGABYTE)
+                self._store.write_grid(name, grid, max_total_bytes)
             self._start_mesh_job(file, name)
         except UserFacingError as error:
             self._send(SaveMapResult(file, error=str(error)))
@@ -219,6 +224,8 @@ class MapperWorker:
 class NullLoopClosureWorker:
     """Loop closure worker that does nothing."""
 
+    is_localized = True
+
     def process_record(self, record: RingRecord) -> "Sequence[NodeRemoval]":
         """Do nothing; no node is removed."""
         return ()
@@ -226,10 +233,10 @@ class NullLoopClosureWorker:
     def answer_query(self) -> None:
         """Do nothing."""
 
-    def save(self, store: MapStore, name: str, max_total_bytes: int) -> None:
+    def save(self, store: MapStore, name: str, max_total_bytes: int, cells: "MapCells") -> None:
         """Do nothing."""
 
-    def load(self, file: Path) -> int:
+    def load(self, file: Path) -> "MapContents":
         """Raise InputError, as loop closure is disabled."""
         raise InputError(f"{file}: loop closure is disabled (map.loop_closure)")
 

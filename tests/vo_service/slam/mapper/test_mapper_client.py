@@ -99,6 +99,18 @@ def test_a_map_that_cannot_be_loaded_changes_nothing_and_is_reported_until_the_n
     assert fixture.mapper.warning == ""
 
 
+def test_a_map_without_a_grid_is_a_warning_in_one_line(
+    fixture: MapperFixture, caplog: pytest.LogCaptureFixture
+) -> None:
+    file = Path("/maps/old.keyframes")
+    fixture.client.on_message(LoadMapResult(file, 4, grid_fault="it has no cells"))
+    (line,) = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
+    assert line == (
+        f"map: {file}: it has no cells; the grid is empty until its places are seen again"
+    )
+    assert fixture.mapper.warning == ""
+
+
 def test_a_process_that_does_not_respond_is_reported_and_gets_no_request(
     fixture: MapperFixture,
 ) -> None:

@@ -9,6 +9,7 @@ import pytest
 
 from drivers.core.geometry import Array, rigid_transform, so3_exp
 from drivers.core.process.record_ring import RecordRingReader, RecordRingWriter
+from tests.vo_service.navigation.views import mounted
 from tests.vo_service.odometry.synthetic_views import render_corner
 from tests.vo_service.slam.corner_trajectory import (
     make_loop_closer,
@@ -25,6 +26,7 @@ from vo_service.slam.map_file import write_map
 from vo_service.slam.mapper import worker as desk_module
 from vo_service.slam.mapper.loop_closure_worker import LoopClosureWorker
 from vo_service.slam.mapper.messages import (
+    LoadMapResult,
     MapperMessage,
     MapperWorkerConfig,
     RelocalizationQuery,
@@ -32,6 +34,7 @@ from vo_service.slam.mapper.messages import (
 )
 from vo_service.slam.mapper.worker import MapperWorker
 from vo_service.slam.relocalization import AsynchronousLoopClosure, RelocalizationResult
+from vo_service.types.occupancy_grid import OCCUPIED, OccupancyGrid
 from vo_service.types.odometry_update import OdometryUpdate, TrackingState
 
 WITH_LOOP_CLOSURE = replace(COARSE, loop_closure=True)
@@ -100,6 +103,45 @@ def test_a_mesh_uses_the_keyframe_poses_of_the_map(
     assert len(keyframes) == 2
     for n, keyframe in zip((2, 4), keyframes, strict=True):
         assert np.allclose(keyframe.T_odom_camera[:3, 3], true_pose(n)[:3, 3], atol=0.03)
+
+
+def test_a_loaded_map_brings_the_grid_that_was_saved(
+    ring: RecordRingWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(desk_module, "MeshJob", lambda file, make, leave: None)
+    mount = mounted(0.5, 10.0)
+    config = MapperWorkerConfig(ring.memory, 0, tmp_path, WITH_LOOP_CLOSURE, T_base_camera=mount)
+    received: list[MapperMessage] = []
+    worker = MapperWorker(config, received.append, lambda: None, fuse_keyframes)
+    for n in (0, 2):
+        put(ring, n, CONSTRAINT, mount)
+    worker.process_frames()
+    worker.handle(SaveMapRequest("home"))
+    (grid,) = [each for each in received if isinstance(each, OccupancyGrid)]
+    assert np.any(grid.cells == OCCUPIED)
+    loading = replace(config, map_config=replace(WITH_LOOP_CLOSURE, load="home"), first_frame=2)
+    received.clear()
+    later = MapperWorker(loading, received.append, lambda: None, fuse_keyframes)
+    later.process_frames()
+    (again,) = [each for each in received if isinstance(each, OccupancyGrid)]
+    assert again.equals(grid)
+    (result,) = [each for each in received if isinstance(each, LoadMapResult)]
+    assert (result.keyframe_count, result.grid_fault) == (2, "")
+
+
+@pytest.mark.parametrize(("height_m", "text"), [(0.5, "no cells"), (0.0, "")])
+def test_a_map_without_cells_is_loaded_and_says_so_if_the_camera_could_have_seen_some(
+    ring: RecordRingWriter, tmp_path: Path, height_m: float, text: str
+) -> None:
+    write_map(tmp_path / "old.keyframes", make_loop_closer(3).contents)
+    received: list[MapperMessage] = []
+    settings = replace(WITH_LOOP_CLOSURE, load="old")
+    config = MapperWorkerConfig(ring.memory, 0, tmp_path, settings, T_base_camera=mounted(height_m))
+    MapperWorker(config, received.append, lambda: None, fuse_keyframes)
+    (result,) = [each for each in received if isinstance(each, LoadMapResult)]
+    assert result.keyframe_count == 3
+    assert text in result.grid_fault
+    assert bool(text) == bool(result.grid_fault)
 
 
 @pytest.mark.parametrize(("is_place", "answers"), [(False, 0), (True, 1)])

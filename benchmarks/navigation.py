@@ -2,6 +2,7 @@
 
 python -m benchmarks navigation scan          ranges from cameras of several heights and tilts
 python -m benchmarks navigation grid          the grid of a drive
+python -m benchmarks navigation poses         the same by estimated poses, against true ones
 """
 
 import argparse
@@ -14,17 +15,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.harness import Table, measure_cpu_ms, option
+from benchmarks.rendered_sequences import make_frame, prefetch
 from drivers.camera import RgbdFrame
-from drivers.core.geometry import T_BODY_CAMERA, Array, rigid_transform, so3_exp
-from drivers.synthetic.camera_motion import CameraMotion
+from drivers.core.geometry import T_BODY_CAMERA, Array, inverse, rigid_transform, so3_exp
+from drivers.synthetic.camera_motion import CameraMotion, make_poses
 from drivers.synthetic.config import ShutterTiming, SyntheticConfig
 from drivers.synthetic.renderer import Renderer, RoomModel
 from drivers.synthetic.solids import SolidArrays, SolidKind
 from vo_service.config_tables import ScanConfig
 from vo_service.navigation.grid_mapper import GridMapper
+from vo_service.navigation.grid_recorder import FRAME_STEP, GridRecorder
 from vo_service.navigation.robot_scan import RobotScanner
 from vo_service.navigation.scan import ScanAngles
+from vo_service.odom_frame import OdomFrame, StampedFrame
+from vo_service.odometry.registry import DEFAULT_METHOD, METHODS, MethodConfig
+from vo_service.odometry.stage_timers import CpuStageTimer
+from vo_service.odometry.warm_up import warm_up
 from vo_service.types.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from vo_service.types.odometry_update import TrackingState
 
 # Height of the camera, m, and how far it looks down, degrees.
 MOUNTINGS = (
@@ -95,13 +103,10 @@ class VirtualRoom:
             duration_s=float(len(T_world_base)),
             timing=ShutterTiming(0.0, 0.0),
         )
-        exact_depth = replace(
-            config.depth, disparity_step_px=0.0, disparity_sigma_px=0.0, lateral_sigma_px=0.0
-        )
         room = RoomModel.build(config, motion, 1)
         self.solids = room.solids
         self._measured = Renderer(config, motion, room)
-        self._exact = Renderer(replace(config, depth=exact_depth), motion, room)
+        self._exact = Renderer(_without_noise(config), motion, room)
 
     def pairs(self) -> Iterator[DepthPair]:
         """Render all poses."""
@@ -111,6 +116,14 @@ class VirtualRoom:
                 _frame(self._config, self._measured.render_depth(number)),
                 _frame(self._config, self._exact.render_depth(number)),
             )
+
+
+def _without_noise(config: SyntheticConfig) -> SyntheticConfig:
+    """Return a sensor whose depth has no noise, and all rows at the stamp."""
+    depth = replace(
+        config.depth, disparity_step_px=0.0, disparity_sigma_px=0.0, lateral_sigma_px=0.0
+    )
+    return replace(config, depth=depth, timing=ShutterTiming(0.0, 0.0))
 
 
 def _frame(config: SyntheticConfig, depth_raw: NDArray[np.uint16]) -> RgbdFrame:
@@ -278,6 +291,111 @@ def _drive(count: int) -> Array:
     return np.array(poses)
 
 
+# The drive whose poses are estimated: a round in a circle, while the view swings to the sides.
+TURN_RAD_S, SWING_RAD, SWINGS = 0.2, 1.0, 3
+DRIVE_RATE_HZ = 15.0
+# Largest loss of precision, recall or free floor by estimated poses.
+MAX_LOSS = 0.01
+
+
+class RoundTrip(CameraMotion):
+    """A base that drives a circle.
+
+    Args:
+        height_m: Of the camera.
+        down_deg: How far it looks down.
+    """
+
+    duration_s = 2.0 * np.pi / TURN_RAD_S
+
+    def __init__(self, height_m: float, down_deg: float) -> None:
+        self._height_m, self._down_rad = height_m, np.radians(down_deg)
+
+    def poses(self, times_s: Array) -> Array:
+        angle = TURN_RAD_S * times_s
+        x, y = DRIVE_RADIUS_M * np.cos(angle), DRIVE_RADIUS_M * np.sin(angle)
+        position = np.stack([x, y, np.full_like(x, self._height_m)], axis=1)
+        yaw = angle + SWING_RAD * np.sin(SWINGS * angle)
+        return make_poses(position, yaw, np.full_like(yaw, self._down_rad), np.zeros_like(yaw))
+
+
+POSES_OPTIONS = (option("--seed", type=int, default=11, help="of the room"),)
+
+
+def poses(args: argparse.Namespace) -> int:
+    """Compare the grid by estimated poses of a drive in a circle with that by true poses.
+
+    Figures are those of `grid`; "error" is the largest of a position in the state `tracking`. Exit
+    code 1 if estimated poses cost more than one percentage point. It takes eight minutes.
+    """
+    warm_up(DEFAULT_METHOD, lambda stage: None)
+    columns = "precision %:13.1f", "recall %:10.1f", "free %:8.1f", "in solids %:13.2f"
+    table = Table(26, *columns, "frames:8d", "error mm:10.1f", "bar:6")
+    print(table.head)
+    exit_code = 0
+    for height_m, down_deg in DRIVES:
+        figures, counts, error_m = compare_poses(height_m, down_deg, args.seed)
+        losses = [true - estimated for true, estimated in zip(*figures, strict=True)][:3]
+        is_good = max(losses) <= MAX_LOSS
+        exit_code |= not is_good
+        name = f"{height_m:g} m, {down_deg:g} deg"
+        for kind, shares, count, error_mm, verdict in zip(
+            ("true", "estimated"),
+            figures,
+            counts,
+            (None, 1e3 * error_m),
+            (None, "pass" if is_good else "FAIL"),
+            strict=True,
+        ):
+            cells = [100.0 * each for each in shares]
+            print(table.row(f"{name}: {kind}", *cells, count, error_mm, verdict), flush=True)
+    return exit_code
+
+
+def compare_poses(
+    height_m: float, down_deg: float, seed: int
+) -> tuple[list[tuple[float, ...]], list[int], float]:
+    """Drive with a camera.
+
+    Returns:
+        The figures of the grids by true and by estimated poses, the number of frames in each, and
+        the largest error of a position in the state `tracking`, m.
+    """
+    motion, T_base_camera = RoundTrip(height_m, down_deg), mounting_pose(height_m, down_deg)
+    fast = replace(SyntheticConfig.fast(), seed=seed, loop=False, rate_hz=DRIVE_RATE_HZ)
+    config = replace(fast, duration_s=motion.duration_s)
+    room = RoomModel.build(config, motion, 1)
+    renderer = Renderer(config, motion, room)
+    exact_config = _without_noise(config)
+    exact = Renderer(exact_config, motion, room)
+    mapper = GridMapper(ScanConfig(), T_base_camera, RESOLUTION_M, RANGE_MAX_M)
+    recorders, truth = (GridRecorder(mapper), GridRecorder(mapper)), TrueCells()
+    odometry = METHODS[DEFAULT_METHOD](MethodConfig(), CpuStageTimer())
+    odom_frame = OdomFrame(T_base_camera, True)
+    T_world_odom, errors_m = np.eye(4), []
+    for seq, images in enumerate(prefetch(renderer.render, config.frame_count)):
+        stamp_s = seq / DRIVE_RATE_HZ
+        frame = odom_frame.add_pose_prior(make_frame(config, seq, stamp_s, images), stamp_s)
+        estimate = odometry.estimate(frame)
+        update = odom_frame.update(StampedFrame(frame, stamp_s), estimate, {}, 0.0)
+        odom_frame.measure_level(update)
+        T_true = motion.poses(np.array([stamp_s]))[0]
+        if seq == 0:
+            T_world_odom = T_true @ inverse(T_base_camera) @ inverse(update.T_odom_base)
+        T_estimated = T_world_odom @ update.T_odom_camera
+        if update.state is TrackingState.TRACKING:  # the grid has no others
+            errors_m.append(np.linalg.norm(T_estimated[:3, 3] - T_true[:3, 3]))
+        for recorder, T_world_camera in zip(recorders, (T_true, T_estimated), strict=True):
+            recorder.on_update(replace(update, T_odom_camera=T_world_camera))
+        if seq % FRAME_STEP == 0:
+            points = points_in_base(_frame(exact_config, exact.render_depth(seq)), T_base_camera)
+            truth.add(points, T_true @ inverse(T_base_camera), height_m + 0.15)
+    figures: list[tuple[float, ...]] = [
+        truth.compare(recorder.render(), room.solids, height_m + 0.15) for recorder in recorders
+    ]
+    return figures, [recorder.frame_count for recorder in recorders], float(max(errors_m))
+
+
 class TrueCells:
     """What exact images show of the cells around the world's origin, on a fixed grid."""
 
@@ -349,4 +467,8 @@ def _grow(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return cv2.dilate(cells.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(np.bool_)
 
 
-VARIANTS = {"scan": (SCAN_OPTIONS, scan), "grid": (GRID_OPTIONS, grid)}
+VARIANTS = {
+    "scan": (SCAN_OPTIONS, scan),
+    "grid": (GRID_OPTIONS, grid),
+    "poses": (POSES_OPTIONS, poses),
+}

@@ -6,6 +6,7 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
+from drivers.core import UserFacingError
 from drivers.core.geometry import Array
 from drivers.ros_messages.sensors import LaserScanMessage
 from vo_service.config_tables import FrameIds, ScanConfig
@@ -54,10 +55,19 @@ class FrameScans:
         self._is_loading = False
 
     def load(self) -> None:
-        """Load the kernels, and log what is wrong with the mounting."""
+        """Load the kernels, and log what is wrong with the mounting.
+
+        Kernels that are not in the cache are compiled by other processes first.
+
+        Raises:
+            OSError: The cache cannot be written.
+            UserFacingError: A process was killed.
+        """
+        from vo_service.kernels.compilation import ensure_compiled
         from vo_service.navigation.height_limits import mounting_problem
         from vo_service.navigation.robot_scan import RobotScanner
 
+        ensure_compiled(["scan"], lambda _: None)
         RobotScanner.warm_up()
         if problem := mounting_problem(self._config, self._T_base_camera):
             logger.warning("scan: %s", problem)
@@ -83,5 +93,5 @@ class FrameScans:
     def _load_later(self) -> None:
         try:
             self.load()
-        except OSError as error:
+        except (OSError, UserFacingError) as error:
             logger.warning("scan: none, as its kernels cannot be loaded: %s", error)

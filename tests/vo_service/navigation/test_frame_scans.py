@@ -17,6 +17,7 @@ from tests.waiting import wait_until
 from vo_service.app import OutputsConfig, open_scans
 from vo_service.config import Config, MountingConfig
 from vo_service.config_tables import RerunConfig, ScanConfig, ZenohConfig
+from vo_service.kernels import compilation
 from vo_service.navigation.frame_scans import FrameScans
 from vo_service.navigation.robot_scan import RobotScanner
 from vo_service.types.odometry_update import OdometryUpdate, add_no_scan
@@ -86,6 +87,16 @@ def test_kernels_are_loaded_once_on_a_thread_of_their_own_when_a_scan_is_wanted(
     wait_until(lambda: updates[0].scan.message() is not None)
     assert len(threads) == 1
     assert threads[0] is not threading.current_thread()
+
+
+def test_kernels_are_compiled_by_other_processes_before_they_are_loaded(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    steps: list[str] = []
+    monkeypatch.setattr(compilation, "ensure_compiled", lambda parts, _: steps.extend(parts))
+    monkeypatch.setattr(RobotScanner, "warm_up", lambda: steps.append("load"))
+    FrameScans(ScanConfig(), MOUNT).load()
+    assert steps == ["scan", "load"]
 
 
 def test_kernels_that_cannot_be_loaded_are_a_warning(

@@ -1,6 +1,7 @@
 """Latency of the service: from a frame to its pose, and from the start to the first pose.
 
 python -m benchmarks service_latency poses [--seconds 20] [--rounds 3] [--case NAME]
+python -m benchmarks service_latency navigation [--seconds 60] [--rounds 5]
 python -m benchmarks service_latency start [--rounds 3]
 """
 
@@ -14,14 +15,15 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, suppress
-from dataclasses import dataclass
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import median
 
 import numpy as np
 
-from benchmarks.harness import Table, Variants, option
+from benchmarks.harness import Table, Variants, format_table, option
+from benchmarks.outputs import start_reader
 from benchmarks.service_load import (
     ArrivalRecorder,
     ProcessorUse,
@@ -30,7 +32,8 @@ from benchmarks.service_load import (
     prerender_room,
     running_recorder,
 )
-from drivers.synthetic.config import SyntheticConfig
+from drivers.synthetic.config import MotionKind, SyntheticConfig
+from drivers.synthetic.motions import ROBOT_CAMERA_HEIGHT_M
 from tests.ports import free_port
 from tests.resource_leaks import find_child_running
 from tests.simulators.zenoh_router import running_router
@@ -55,10 +58,17 @@ Action = Callable[[ServiceProcess], None]
 
 @dataclass(frozen=True)
 class InterferenceSetup:
-    """Configuration of the service, and actions at fractions of the measured time, in order."""
+    """Configuration of the service, and actions at fractions of the measured time, in order.
+
+    Attributes:
+        more_config: Tables of its configuration.
+        actions: By fraction.
+        topics: Topics that a process reads all the time.
+    """
 
     more_config: str
     actions: tuple[tuple[float, Action], ...] = ()
+    topics: tuple[str, ...] = ()
 
 
 @contextmanager
@@ -278,8 +288,11 @@ def run(case: InterferenceCase, seconds: float) -> LatencyResult:
             running_recorder(f"tcp/127.0.0.1:{service.port}", folder / "poses.npz") as listener,
         ):
             service.wait_until_streaming(time.monotonic())
-            time.sleep(WARM_UP_S)
-            outcome = measure(scene, service, listener, seconds)
+            with ExitStack() as readers:
+                if scene.topics:
+                    start_reader(readers, [], f"tcp/127.0.0.1:{service.port}", scene.topics)
+                time.sleep(WARM_UP_S)
+                outcome = measure(scene, service, listener, seconds)
             # Exit code 1 if a disturbed viewer misses the end of its recording.
             service.stop()
             if "Traceback" in service.log:
@@ -376,6 +389,87 @@ def report(outcomes: Mapping[str, LatencyResult]) -> int:
     return 0 if all(are_good) else 1
 
 
+# Cost of scan and grid: latency (99 %) by a factor, and processor time in percent of a core.
+MAX_NAVIGATION_RATIO, MAX_NAVIGATION_PERCENT = 1.1, 3.0
+RATE_HZ = 30.0
+
+
+# A robot with a level camera drives along a wall.
+ROBOT = replace(SyntheticConfig.fast(), motion=MotionKind.WALL_DRIVE)
+ROBOT_CONFIG = f"""
+[T_base_camera]
+translation_m = [0.0, 0.0, {ROBOT_CAMERA_HEIGHT_M}]
+[synthetic]
+motion = "wall-drive"
+duration_s = 10.0
+loop = true
+texel_m = 0.004
+color = {{ distortion = [0.0, 0.0, 0.0, 0.0, 0.0], exposure_s = 0.0, smooth_edges = false }}
+[scan]
+"""
+
+
+@contextmanager
+def without_navigation(folder: Path) -> Iterator[InterferenceSetup]:
+    """No scan, and no cells of the grid: all that the camera sees is too low for an obstacle."""
+    yield InterferenceSetup(f"{ROBOT_CONFIG}enabled = false\nmin_height_m = 2.0\n")
+
+
+@contextmanager
+def with_navigation(folder: Path) -> Iterator[InterferenceSetup]:
+    """Scan and grid, both with a reader."""
+    yield InterferenceSetup(f"{ROBOT_CONFIG}enabled = true\n", topics=("scan", "map"))
+
+
+NAVIGATION_CASES: Mapping[str, InterferenceCase] = {
+    "without scan and grid": without_navigation,
+    "scan and grid": with_navigation,
+}
+NAVIGATION_OPTIONS = (
+    option("--seconds", type=float, default=60.0, help="duration of a run (default: 60)"),
+    option("--rounds", type=int, default=5, help="runs of each case (default: 5)"),
+)
+
+
+def measure_navigation(args: argparse.Namespace) -> int:
+    """Cost of scan and occupancy grid for the poses: latency, and processor time of the service.
+
+    As `poses`, on a robot, without a viewer and without a disturbance. The cases alternate. The
+    mapper runs in both; in the first one it makes no grid. Processor time is that of the service
+    and its processes, in percent of a core; that of the reader is not in it. Exit code 1 if scan
+    and grid cost more than 1.1 times the latency (99 %), or 3 % of a core.
+    """
+    prerender_room(ROBOT)
+    runs: dict[str, list[LatencyResult]] = {case: [] for case in NAVIGATION_CASES}
+    for number in range(args.rounds):
+        for name, case in NAVIGATION_CASES.items():
+            print(f"round {number + 1} of {args.rounds}: {name}", file=sys.stderr, flush=True)
+            runs[name].append(run(case, args.seconds))
+    results = {name: combine_runs(each) for name, each in runs.items()}
+    headings = "p50", "p99", "max", "dropped", "lost", "service %", "workers %", "steal %"
+    print(format_table(headings, {name: _navigation_row(each) for name, each in results.items()}))
+    off, on = results.values()
+    ratio = on.p99_ms / off.p99_ms
+    percent = _core_percent(on.service_ms + on.children_ms - off.service_ms - off.children_ms)
+    is_good = ratio <= MAX_NAVIGATION_RATIO and percent <= MAX_NAVIGATION_PERCENT
+    print(f"p99 x {ratio:.2f}, {percent:+.1f} % of a core: {'pass' if is_good else 'FAIL'}")
+    return 0 if is_good else 1
+
+
+def _navigation_row(result: LatencyResult) -> list[str]:
+    return [
+        *(f"{value:.1f}" for value in (result.p50_ms, result.p99_ms, result.max_ms)),
+        *(str(result.dropped), str(result.lost)),
+        *(f"{_core_percent(value):.1f}" for value in (result.service_ms, result.children_ms)),
+        f"{result.steal_percent:.1f}",
+    ]
+
+
+def _core_percent(ms_per_frame: float) -> float:
+    """Percent of a core, from milliseconds per frame."""
+    return 0.1 * RATE_HZ * ms_per_frame
+
+
 START_OPTIONS = (option("--rounds", type=int, default=3, help="starts of each (default: 3)"),)
 
 
@@ -448,5 +542,6 @@ def running_command(folder: Path, *arguments: object) -> Iterator["subprocess.Po
 
 VARIANTS: Variants = {
     "poses": (POSES_OPTIONS, measure_latency),
+    "navigation": (NAVIGATION_OPTIONS, measure_navigation),
     "start": (START_OPTIONS, measure_start),
 }

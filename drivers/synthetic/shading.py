@@ -137,7 +137,7 @@ def shade(
     surface = np.empty((height, width), dtype=np.int32)
     for v in range(height):
         for u in range(width):
-            s = np.int64(solid[v, u])  # types as in `smooth_edges`: one version is compiled
+            s = int(np.int64(solid[v, u]))  # types as in `smooth_edges`: one version is compiled
             if s < 0:
                 surface[v, u] = -1
                 continue
@@ -273,5 +273,5 @@ def _round_surface_color(
     turn = math.atan2(py, px) / (2.0 * math.pi) + 0.5
     scale = math.sqrt(frames[v, s, 0, 0] ** 2 + frames[v, s, 1, 0] ** 2 + frames[v, s, 2, 0] ** 2)
     size = t * pixel * scale * wide / (2.0 * math.pi)
-    face = np.int64(0)  # a literal would be another type
+    face = int(np.int64(0))  # a literal would be another type
     return _sample_trilinear(turn * wide, 0.5 * (1.0 - pz) * high, size, s, face, texels, levels)

@@ -47,4 +47,4 @@ cmp -s scripts/uv.txt .tools/installed.txt ||
     step "Installing uv into .tools/ ($(sed -n 's/^uv==\([0-9.]*\).*/\1/p' scripts/uv.txt))" install_uv
 step "Installing the locked Python packages into .venv/" sync
 # The kernels go into the environment itself, so that all users share them.
-CACHE_DIRECTORY=$PWD/.venv/share/kinect-vo step "Compiling the numeric kernels" .venv/bin/kinect-vo warm-up
+CACHE_DIRECTORY=$PWD/.venv/share/kinect-vo step "Compiling the numeric kernels" .venv/bin/kinect-vo warm-up --first

@@ -16,8 +16,8 @@ scripts/setup.sh gcc libc6-dev g++ libpython3-dev udev systemd python3-rosbag
 export PATH="$PWD/.venv/bin:$PATH"
 # Tests start hundreds of processes: without cached bytecode each takes twice as long.
 unset PYTHONDONTWRITEBYTECODE
-# Compile once, so that the pytest processes do not all compile the same: the kernels of the methods
-# that the setup omits, and in a fresh checkout the tests' own modules.
+# Compile once, so that the pytest processes do not all compile the same: the kernels that the setup
+# omits, and in a fresh checkout the tests' own modules.
 compile_all() {
     python -c '
 import os
@@ -26,11 +26,10 @@ from drivers.core.folders import kernel_folder
 
 os.environ["NUMBA_CACHE_DIR"] = str(kernel_folder())  # before numba is imported
 
-from vo_service.odometry.registry import METHODS
-from vo_service.odometry.warm_up import warm_up
+from vo_service.kernels.compilation import ensure_compiled
+from vo_service.kernels.kernel_list import read_kernel_list
 
-for method in METHODS:
-    warm_up(method, lambda stage: None)
+ensure_compiled([each.part for each in read_kernel_list()], lambda progress: None)
 ' || return
     [ -d tests/__pycache__ ] || pytest --collect-only --quiet >/dev/null
 }

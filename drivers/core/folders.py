@@ -11,6 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from drivers.core import UserFacingError
+from drivers.core.processor import processor_identity
 
 SOURCE_PACKAGES = ("drivers", "vo_service")
 # The files of compiled kernels, and those that they import: a change elsewhere compiles nothing.
@@ -82,15 +83,15 @@ def kernel_folder() -> Path:
     """Return the folder for compiled kernels of this state of their source; old ones are removed.
 
     Numba's cache checks only a kernel's own file: it would keep the old code of a helper inlined
-    from another file. So each state of `KERNEL_SOURCES` has its own folder. It starts as a copy of
-    the kernels that setup has compiled into the Python environment, if any: that environment may
-    belong to another user.
+    from another file. So each state of `KERNEL_SOURCES` has its own folder, and each processor. It
+    starts as a copy of the kernels that setup has compiled into the Python environment, if any:
+    that environment may belong to another user.
     """
-    kernels, digest = cache_folder() / "kernels", _source_digest()
+    kernels, digest = cache_folder() / "kernels", _kernel_digest()
     folder = kernels / digest
     with suppress(OSError):
         if not folder.exists():
-            _copy_atomically(Path(sys.prefix) / PREBUILT_KERNELS / digest, folder)
+            _copy_atomically(prebuilt_kernels() / digest, folder)
         folder.mkdir(parents=True, exist_ok=True)
         folder.touch()
         newest_first = sorted(
@@ -113,13 +114,19 @@ def _copy_atomically(source: Path, folder: Path) -> None:
             shutil.rmtree(part, ignore_errors=True)
 
 
-def _source_digest() -> str:
-    digest = hashlib.sha256()
+def prebuilt_kernels() -> Path:
+    """Return the folder below the environment's prefix for the kernels of all users."""
+    return Path(sys.prefix) / PREBUILT_KERNELS
+
+
+def _kernel_digest() -> str:
+    """Return a digest of the kernels' source, its place (Numba looks there), and the processor."""
+    root = Path(__file__).parents[2]
+    digest = hashlib.sha256(f"{root} {processor_identity()}".encode())
     for name in KERNEL_SOURCES:
-        path = Path(__file__).parents[2] / name
+        path = root / name
         for source in [path] if path.is_file() else sorted(path.rglob("*.py")):
-            status = source.stat()
-            digest.update(f"{source} {status.st_mtime_ns} {status.st_size}\n".encode())
+            digest.update(f"{source} ".encode() + source.read_bytes())
     return digest.hexdigest()[:16]
 
 

@@ -12,7 +12,8 @@ from types import ModuleType
 from typing import Any, NoReturn, TextIO, cast, get_type_hints
 
 from drivers.core import UserFacingError
-from drivers.core.folders import kernel_folder
+from drivers.core.folders import kernel_folder, prebuilt_kernels
+from drivers.core.processor import use_carried_kernels
 from vo_service.cli.request import CommandRequest, add_options, make_request
 from vo_service.signals import EXIT_CODE_SIGINT, InterruptedBySignal
 from vo_service.terminal import clear_line, log_to_stderr, one_line
@@ -250,6 +251,7 @@ def set_library_environment() -> None:
     # One thread each: a frame is too small for more, and idle threads spin on the other core.
     for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
+    use_carried_kernels(prebuilt_kernels())
     if "NUMBA_CACHE_DIR" not in os.environ:
         os.environ["NUMBA_CACHE_DIR"] = str(kernel_folder())
     # Without OpenCV's own line about a broken image: our error message names the file.

@@ -36,6 +36,14 @@ def compile_kernels(parts: Sequence[str], terminal: Terminal, stop: StopSignal) 
     run_warm_up(partial(ensure_compiled, parts), terminal, stop)
 
 
+def first_parts(config: Config, source: str) -> list[str]:
+    """List the parts whose kernels the first pose needs; other processes compile their own."""
+    parts = [config.odometry.method]
+    if config.recorder.enabled or config.map.enabled:
+        parts += ["depth packing"]
+    return [*parts, "virtual Kinect"] if source == "synthetic" else parts
+
+
 def run_warm_up(
     warm_up_function: Callable[[Callable[[str], None]], T], terminal: Terminal, stop: StopSignal
 ) -> T:

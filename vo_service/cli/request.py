@@ -148,7 +148,9 @@ def _add_option(parser: argparse.ArgumentParser, field: TypedField, option: Opti
     if isinstance(option, Argument):
         parser.add_argument(field.name, **settings)
     else:
-        parser.add_argument(f"--{field.name.replace('_', '-')}", **settings)
+        # PEP 8: a name that is a keyword of Python ends in an underscore.
+        name = field.name.rstrip("_").replace("_", "-")
+        parser.add_argument(f"--{name}", dest=field.name, **settings)
 
 
 def _count_values(field: TypedField, option: Option) -> dict[str, Any]:

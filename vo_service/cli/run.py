@@ -31,7 +31,7 @@ from vo_service.app import (
     open_scans,
     open_sensor_memory,
 )
-from vo_service.cli.kernels import compile_kernels
+from vo_service.cli.kernels import compile_kernels, first_parts
 from vo_service.cli.options import (
     CameraFile,
     CameraSource,
@@ -143,19 +143,11 @@ def run(request: RunServiceRequest) -> int:
         force_exit_after(stop, MAX_SHUTDOWN_S),
         suppress(KeyboardInterrupt),
     ):
-        compile_kernels(_first_parts(config, source), terminal, stop)
+        compile_kernels(first_parts(config, source), terminal, stop)
         camera.prepare()
         with loading_in_background(config.odometry.method):
             _serve(request, config, camera, terminal, stop, reload_signal)
     return 0
-
-
-def _first_parts(config: Config, source: str) -> list[str]:
-    """List the parts whose kernels the first pose needs; other processes compile their own."""
-    parts = [config.odometry.method]
-    if config.recorder.enabled or config.map.enabled:
-        parts += ["depth packing"]
-    return [*parts, "virtual Kinect"] if source == "synthetic" else parts
 
 
 def _serve(

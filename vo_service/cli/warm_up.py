@@ -1,11 +1,17 @@
 """``kinect-vo warm-up``: compile the kernels."""
 
+import os
+import platform
 import time
 from dataclasses import dataclass
 
-from vo_service.cli.kernels import compile_kernels
+from drivers.core import InputError
+from drivers.core.folders import kernel_folder, prebuilt_kernels
+from drivers.core.processor import PROCESSOR_FILE, compile_for, is_known
+from drivers.core.write_errors import creating
+from vo_service.cli.kernels import compile_kernels, first_parts
 from vo_service.cli.options import ConfigFile, Method, Timing, load_config
-from vo_service.cli.request import CommandRequest
+from vo_service.cli.request import CommandRequest, flag, option
 from vo_service.config import Config
 from vo_service.signals import stop_on_signals
 from vo_service.terminal import Terminal
@@ -13,10 +19,17 @@ from vo_service.terminal import Terminal
 EPILOG = """\
 examples:
   kinect-vo warm-up                     as the user who will run kinect-vo
+  kinect-vo warm-up --first             only what the first pose needs
+  kinect-vo warm-up --for x86-64-v3     into an image, for computers with AVX2
 
 The kernels are cached in $CACHE_DIRECTORY (systemd), else in $XDG_CACHE_HOME/kinect-vo, else in
 ~/.cache/kinect-vo. $NUMBA_CACHE_DIR names another folder. Kernels that set-up has compiled are
 copied from there.
+
+With --for they are compiled for a kind of processors instead of this one, into the environment
+(share/kinect-vo/kernels). There they are used by a computer of that kind, and ignored by others,
+which compile their own. NAME is x86-64-v2, -v3 or -v4, or LLVM's name of a processor of this
+architecture, as cortex-a72 (Raspberry Pi 4).
 """
 
 
@@ -27,22 +40,46 @@ class WarmUpRequest(CommandRequest):
     config: ConfigFile = None
     method: Method = None
     timing: Timing = None
+    first: bool = flag("only the kernels that the first pose needs; others are compiled when used")
+    for_: str | None = option(
+        "compile for this kind of processors, into the environment", None, "NAME"
+    )
 
 
 def run(request: WarmUpRequest) -> int:
     """Compile the kernels of the configured parts that are not in the cache.
 
     Raises:
-        UserFacingError: If the configuration is not valid, or if the kernels cannot be written.
+        UserFacingError: If the configuration or the name of the processor is not valid, or if the
+            kernels cannot be written.
     """
     config = load_config(request.config, request)
+    if request.for_ is not None:
+        _use_environment(request.for_)
     begin_s = time.monotonic()
     with stop_on_signals() as stop:
-        compile_kernels(_used_parts(config), Terminal(), stop)
-    maps = " and of maps" if config.map.enabled else ""
+        parts = first_parts(config, config.camera.source) if request.first else _used_parts(config)
+        compile_kernels(parts, Terminal(), stop)
+    maps = " and of maps" if "loop closure" in parts else ""
     taken_s = time.monotonic() - begin_s
     print(f"the kernels of {config.odometry.method}{maps} are ready ({taken_s:.1f} s)")
     return 0
+
+
+def _use_environment(processor: str) -> None:
+    """Let kernels be compiled into the environment, for a kind of processors."""
+    if not is_known(processor):
+        raise InputError(
+            f"--for {processor}: no processor of this architecture ({platform.machine()}) has that "
+            "name; name x86-64-v2, x86-64-v3 or x86-64-v4, or LLVM's name, such as cortex-a72"
+        )
+    folder = prebuilt_kernels()
+    with creating(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / PROCESSOR_FILE).write_text(f"{processor}\n")
+    compile_for(processor)
+    os.environ["CACHE_DIRECTORY"] = str(folder.parent)
+    os.environ["NUMBA_CACHE_DIR"] = str(kernel_folder())
 
 
 def _used_parts(config: Config) -> list[str]:

@@ -3,6 +3,7 @@
 import errno
 import logging
 import os
+import re
 import signal
 import subprocess
 from collections.abc import Callable
@@ -87,6 +88,36 @@ def test_warm_up_compiles_loop_closure_if_there_is_a_map(
     assert (outcome.code, outcome.error_lines) == (0, "")
     is_enabled = enabled == "true"
     assert (" and of maps " in outcome.out, "loop closure" in compiled) == (is_enabled, is_enabled)
+
+
+def test_warm_up_with_first_compiles_only_what_the_first_pose_needs(
+    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compiled: list[str] = []
+    monkeypatch.setattr(warm_up, "compile_kernels", lambda parts, *_: compiled.extend(parts))
+    assert run_in_process(capfd, "warm-up", "--first").code == 0
+    assert compiled == ["direct", "depth packing", "virtual Kinect"]
+
+
+def test_warm_up_for_an_unknown_processor_is_one_line(capfd: pytest.CaptureFixture[str]) -> None:
+    outcome = run_in_process(capfd, "warm-up", "--for", "pentium-9")
+    assert outcome.code == 2
+    assert re.search(r"^.*--for pentium-9: no processor .*; name x86-64-v2.*\n$", outcome.err)
+
+
+def test_warm_up_for_a_processor_compiles_into_the_environment(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "NUMBA_CACHE_DIR", "CACHE_DIRECTORY"):
+        monkeypatch.setenv(name, "")  # and restored afterwards
+    monkeypatch.setattr("sys.prefix", str(tmp_path))
+    monkeypatch.setattr(warm_up, "is_known", lambda _name: True)
+    monkeypatch.setattr(warm_up, "compile_kernels", lambda *_: None)
+    assert run_in_process(capfd, "warm-up", "--for", "cortex-a72").code == 0
+    folder = tmp_path / "share" / "kinect-vo" / "kernels"
+    assert (folder / "processor").read_text() == "cortex-a72\n"
+    assert Path(os.environ["NUMBA_CACHE_DIR"]).parent == folder
+    assert (os.environ["NUMBA_CPU_NAME"], os.environ["NUMBA_CPU_FEATURES"]) == ("cortex-a72", "")
 
 
 @pytest.mark.subprocess

@@ -18,6 +18,9 @@ SOURCE_PACKAGES = ("drivers", "vo_service")
 KERNEL_SOURCES = (
     "drivers/camera.py",
     "drivers/core",
+    "drivers/freenect/bayer.py",
+    "drivers/freenect/depth_tables.py",
+    "drivers/freenect/raw_depth.py",
     "drivers/recording/image_encoding.py",
     "drivers/recording/odometry.py",
     "drivers/synthetic",

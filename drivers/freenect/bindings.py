@@ -20,8 +20,12 @@ from ctypes import (
     c_uint32,
     c_void_p,
 )
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike
 
 from drivers.core import UserFacingError
 
@@ -33,12 +37,25 @@ LOG_SPEW = 6
 INTERRUPTED = -10  # from libusb: a signal arrived; not an error
 
 
-class DepthFormat(IntEnum):
-    """The unit and the view of a depth image."""
+@dataclass(frozen=True)
+class StreamFormat:
+    """A format of a stream's images at 640x480.
 
-    RAW_11_BIT = 0
-    REGISTERED_MM = 4  # as seen by the color camera
-    MM = 5  # as seen by the depth camera
+    Attributes:
+        number: Its number in libfreenect.
+        shape: Shape of the array of an image.
+        dtype: Type of its values.
+    """
+
+    number: int
+    shape: tuple[int, ...]
+    dtype: DTypeLike
+
+
+COLOR_RGB = StreamFormat(0, (480, 640, 3), np.uint8)
+COLOR_BAYER = StreamFormat(1, (480, 640), np.uint8)  # as the Kinect sends it
+DEPTH_11_BIT = StreamFormat(0, (480, 640), np.uint16)
+DEPTH_11_BIT_PACKED = StreamFormat(2, (480 * 640 * 11 // 8,), np.uint8)  # as the Kinect sends it
 
 
 class Flag(IntEnum):
@@ -48,11 +65,7 @@ class Flag(IntEnum):
     AUTO_EXPOSURE = 1 << 14
 
 
-RAW_VALUES = 2048
 RESOLUTION_640X480 = 1
-# Units of the registration's columns; its rows are whole pixels.
-REGISTRATION_UNITS_PER_PX = 256
-VIDEO_RGB = 0
 
 
 class FrameMode(Structure):

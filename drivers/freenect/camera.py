@@ -20,16 +20,10 @@ from drivers.camera import (
     is_serial,
 )
 from drivers.core import CameraError, CameraNotFoundError
-from drivers.freenect.bindings import DepthFormat
 from drivers.freenect.context import ImagePair
+from drivers.freenect.conversion import DUMP_CONVERSION, load_kernels
 from drivers.freenect.errors import device_hung_error, packet_loss_message
-from drivers.freenect.factory_calibration import (
-    DepthFilter,
-    FactoryCalibration,
-    ValidDepthMask,
-    all_depths_to_10_m,
-    kinect_properties,
-)
+from drivers.freenect.factory_calibration import FactoryCalibration, kinect_properties
 from drivers.freenect.session import CaptureSession, NullSession
 from drivers.freenect.sources import DeviceSource, FakenectSource, KinectSource
 from drivers.kinect_usb.motor_unit import MotorUnit
@@ -72,7 +66,7 @@ class FreenectCamera(RgbdCamera):
         self._rectifier = self._make_rectifier(factory_focal_px=None)
         self._settings, self._wait_for_device = settings, wait_for_device
         self._session: CaptureSession | NullSession = NullSession()
-        self._depth_filter: DepthFilter = ValidDepthMask(all_depths_to_10_m())
+        self._conversion = DUMP_CONVERSION  # until the device is open
         self._to_host_s = source.make_stamp_converter()
         self._last_lost_packets = 0
         self._factory_problem = ""
@@ -145,13 +139,14 @@ class FreenectCamera(RgbdCamera):
     def _open(self) -> None:
         if not self._session.wait_until_ended(RELEASE_TIMEOUT_S):
             raise device_hung_error()
-        has_depth_camera = self._calibration_file.has_depth_camera
-        depth_format = DepthFormat.MM if has_depth_camera else DepthFormat.REGISTERED_MM
         self._session = CaptureSession(
-            self._source.load(), self._source, depth_format, self.counters
+            self._source.load(),
+            self._source,
+            self.counters,
+            registers_depth=not self._calibration_file.has_depth_camera,
         )
         started = self._session.start()
-        self._depth_filter = started.calibration.depth_filter
+        self._conversion = started.calibration.conversion
         self._use_factory_calibration(started.calibration.factory)
         self._to_host_s = self._source.make_stamp_converter()
         self._serial = started.serial if is_serial(started.serial) else ""
@@ -190,8 +185,8 @@ class FreenectCamera(RgbdCamera):
 
     def _make_frame(self, pair: ImagePair, lost_packets: int) -> RgbdFrame:
         color, rectifier, camera = pair.color, self._rectifier, self._rectifier.camera
-        bgr = rectifier.rectify_color(cv2.cvtColor(color.pixels, cv2.COLOR_RGB2BGR))  # type: ignore[arg-type]
-        depth = rectifier.rectify_depth(self._depth_filter(pair.depth.pixels))
+        bgr = rectifier.rectify_color(self._conversion.to_bgr(color.pixels))
+        depth = rectifier.rectify_depth(self._conversion.to_mm(pair.depth.pixels))
         if self._settings.mirror:
             # Finished images, because libfreenect's registration needs unmirrored depth.
             bgr, depth = cv2.flip(bgr, 1), cv2.flip(depth, 1)  # type: ignore[assignment]
@@ -225,6 +220,7 @@ def make_kinect_camera(serial: str, settings: SensorConfig, camera_file: Path | 
     from drivers.kinect_usb.kinect_motor_unit import KinectMotorUnit
     from drivers.kinect_usb.usb_devices import wait_for_device
 
+    load_kernels()  # now, because `open` must not take as long as their compilation
     source = KinectSource(serial, settings)
     return FreenectCamera(source, camera_file, KinectMotorUnit(), settings, wait_for_device)
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import NDArray
 
 from drivers.core import CameraError
 from drivers.freenect.bindings import (
@@ -22,15 +22,20 @@ from drivers.freenect.bindings import (
     INTERRUPTED,
     LOG_CALLBACK,
     LOG_SPEW,
-    RAW_VALUES,
-    REGISTRATION_UNITS_PER_PX,
     RESOLUTION_640X480,
-    VIDEO_RGB,
-    DepthFormat,
     DeviceAttributes,
     Flag,
     Registration,
+    StreamFormat,
     TimeValue,
+)
+from drivers.freenect.depth_tables import (
+    COLUMNS,
+    MAX_DEPTH_MM,
+    RAW_VALUES,
+    REGISTRATION_UNITS_PER_PX,
+    ROWS,
+    DepthTables,
 )
 from drivers.freenect.errors import start_failed_error
 from drivers.freenect.factory_calibration import FactoryCalibration
@@ -131,7 +136,11 @@ class FreenectDevice:
         self._callbacks: list[Any] = []
 
     def start(
-        self, depth: DepthFormat, on_color: RawFrameCallback, on_depth: RawFrameCallback
+        self,
+        color: StreamFormat,
+        depth: StreamFormat,
+        on_color: RawFrameCallback,
+        on_depth: RawFrameCallback,
     ) -> None:
         """Start both streams at 640x480. Raises CameraError."""
         library, pointer = self._library, self._pointer
@@ -141,8 +150,8 @@ class FreenectDevice:
         ]
         library.freenect_set_video_callback(pointer, self._callbacks[0])
         library.freenect_set_depth_callback(pointer, self._callbacks[1])
-        video_mode = library.freenect_find_video_mode(RESOLUTION_640X480, VIDEO_RGB)
-        depth_mode = library.freenect_find_depth_mode(RESOLUTION_640X480, depth)
+        video_mode = library.freenect_find_video_mode(RESOLUTION_640X480, color.number)
+        depth_mode = library.freenect_find_depth_mode(RESOLUTION_640X480, depth.number)
         for step, call, *arguments in (
             ("set the color mode", library.freenect_set_video_mode, video_mode),
             ("set the depth mode", library.freenect_set_depth_mode, depth_mode),
@@ -158,16 +167,12 @@ class FreenectDevice:
             name, state = flag.name.lower().replace("_", " "), "on" if is_on else "off"
             _log.warning("the Kinect does not accept %s = %s", name, state)
 
-    def read_factory_calibration(self) -> tuple[NDArray[np.uint16], FactoryCalibration]:
-        """Read the millimeters per raw depth value, (2048,) uint16, and the calibration.
-
-        Valid while depth streams in millimeters.
-        """
+    def read_factory_calibration(self) -> tuple[DepthTables, FactoryCalibration]:
+        """Read the tables of depth, and the calibration."""
         registration = self._library.freenect_copy_registration(self._pointer)
-        raw_to_mm = np.ctypeslib.as_array(registration.raw_to_mm, (RAW_VALUES,)).copy()
-        calibration = _copy_calibration(registration)
+        tables = _copy_tables(registration)
         self._library.freenect_destroy_registration(ctypes.byref(registration))
-        return raw_to_mm, calibration
+        return tables, _make_calibration(registration, tables)
 
     def close(self) -> None:
         """Stop both streams, then close: closing while both run crashes libfreenect later."""
@@ -176,15 +181,26 @@ class FreenectDevice:
         self._library.freenect_close_device(self._pointer)
 
 
-def _copy_calibration(registration: Registration) -> FactoryCalibration:
+def _copy_tables(registration: Registration) -> DepthTables:
+    as_array = np.ctypeslib.as_array
+    return DepthTables(
+        as_array(registration.raw_to_mm, (RAW_VALUES,)).copy(),
+        as_array(registration.depth_to_rgb_shift, (MAX_DEPTH_MM,)).copy(),
+        as_array(registration.registration_table, (ROWS, COLUMNS, 2)).copy(),
+        # libfreenect multiplies the skipped rows by the number of rows, not of columns.
+        skipped_pixels=ROWS * registration.padding[0],
+    )
+
+
+def _make_calibration(registration: Registration, tables: DepthTables) -> FactoryCalibration:
     # The reference plane is divided into the 1280 columns of the depth sensor, two for each pixel.
     plane_mm, pixel_mm = registration.reference_distance_mm, 2.0 * registration.reference_pixel_mm
-    table = np.ctypeslib.as_array(registration.registration_table, (480, 640, 2))
     rows, columns = np.mgrid[_ROWS, _COLUMNS]
     return FactoryCalibration(
         depth_focal_px=plane_mm / pixel_mm if pixel_mm else 0.0,
         depth_px=np.column_stack([columns.ravel(), rows.ravel()]).astype(np.float64),
-        color_px=table[_ROWS, _COLUMNS].reshape(-1, 2) / (REGISTRATION_UNITS_PER_PX, 1.0),
+        color_px=tables.registration[_ROWS, _COLUMNS].reshape(-1, 2)
+        / (REGISTRATION_UNITS_PER_PX, 1.0),
     )
 
 
@@ -195,7 +211,7 @@ class PooledImage:
     Attributes:
         seq: Number of the image in its stream, lost ones included.
         receive_time_s: CLOCK_MONOTONIC when the host had received all of it.
-        pixels: (480, 640, 3) uint8 RGB or (480, 640) uint16.
+        pixels: In the shape of the stream's `StreamFormat`.
     """
 
     seq: int
@@ -215,8 +231,10 @@ ImageHandler = Callable[[float, PooledImage], None]
 class BufferPool:
     """A pool of image buffers. A buffer is free again when its image is no longer referenced."""
 
-    def __init__(self, shape: tuple[int, ...], dtype: DTypeLike) -> None:
-        self._buffers: list[NDArray[Any]] = [np.zeros(shape, dtype) for _ in range(POOL_SIZE)]
+    def __init__(self, image: StreamFormat) -> None:
+        self._buffers: list[NDArray[Any]] = [
+            np.zeros(image.shape, image.dtype) for _ in range(POOL_SIZE)
+        ]
         self._image_refs: list[Callable[[], PooledImage | None]] = [lambda: None] * POOL_SIZE
 
     def copy_image(self, address: int, seq: int, receive_time_s: float) -> PooledImage:

@@ -1,22 +1,16 @@
 """What a Kinect tells of its images: the calibration of its factory, which libfreenect reads.
 
-It holds which depths the Kinect can measure, and the map that registers depth to color. From the
-map follows the focal length of the color camera.
+From the map that registers depth to color follows the focal length of the color camera.
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.calibration import MILLIMETERS_PER_METER
 from drivers.rectify import DepthRegistration, SourceProperties, factory_camera
-
-# libfreenect treats this and larger depths as too far.
-MAX_DEPTH_MM = 10_000
 
 # Focal lengths of a Kinect's color and depth camera at 640x480, and how far one may be from them.
 USUAL_COLOR_FOCAL_PX, USUAL_DEPTH_FOCAL_PX = 525.0, 575.8
@@ -25,8 +19,6 @@ MAX_FOCAL_DEVIATION = 0.05
 MAX_MAP_ERROR_PX = 2.0
 # Largest stretch of the map in one direction: both cameras have square pixels.
 MAX_MAP_STRETCH = 0.02
-
-MillimeterTable = NDArray[np.uint16]
 
 
 @dataclass(frozen=True)
@@ -72,39 +64,6 @@ def _check_focal_px(camera: str, focal_px: float, usual_px: float) -> None:
             f"the focal length of the {camera} camera would be {focal_px:.4g} px, but Kinects have "
             f"{usual_px:g} px ± {MAX_FOCAL_DEVIATION:.0%}"
         )
-
-
-# Sets invalid values of a depth image, (480, 640) uint16 millimeters, to 0: no reading.
-DepthFilter = Callable[[NDArray[np.uint16]], NDArray[np.uint16]]
-
-
-def find_valid_depths_mm(raw_to_mm: MillimeterTable) -> MillimeterTable:
-    """Find the distances that a device can measure in its table of millimeters per raw value.
-
-    The formula of the table has a pole at a raw value of about 1084. Beyond it the table holds
-    huge and negative numbers truncated to 16 bits: most exceed 10 m, but some look like distances.
-    A distance is valid if only the rising part before the pole holds it.
-    """
-    table = raw_to_mm.astype(np.int64)
-    ends = np.flatnonzero((table >= MAX_DEPTH_MM) | (np.diff(table, prepend=0) < 0))
-    end = int(ends[0]) if ends.size else table.size
-    return np.setdiff1d(raw_to_mm[:end], raw_to_mm[end:])
-
-
-def all_depths_to_10_m() -> MillimeterTable:
-    """Return all distances below 10 m, for a source without a table."""
-    return np.arange(1, MAX_DEPTH_MM, dtype=np.uint16)
-
-
-class ValidDepthMask:
-    """Keeps the distances of a list and sets all others to 0."""
-
-    def __init__(self, valid_mm: MillimeterTable) -> None:
-        self._table = np.zeros(1 << 16, dtype=np.uint16)
-        self._table[valid_mm] = valid_mm
-
-    def __call__(self, depth_mm: NDArray[np.uint16]) -> NDArray[np.uint16]:
-        return cv2.LUT(depth_mm, self._table)  # type: ignore[return-value]
 
 
 SIZE = (640, 480)

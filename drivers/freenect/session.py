@@ -8,11 +8,9 @@ from concurrent.futures import Future
 from contextlib import closing
 from dataclasses import dataclass
 
-import numpy as np
-
 from drivers.camera import CameraCounters, FrameTimeout
 from drivers.core import CameraLostError
-from drivers.freenect.bindings import DepthFormat, TimeValue
+from drivers.freenect.bindings import TimeValue
 from drivers.freenect.context import (
     BufferPool,
     FrameCallback,
@@ -90,10 +88,15 @@ class FreenectEventLoop:
     """
 
     def __init__(
-        self, library: ctypes.CDLL, source: DeviceSource, depth: DepthFormat, log: LibfreenectLog
+        self,
+        library: ctypes.CDLL,
+        source: DeviceSource,
+        log: LibfreenectLog,
+        *,
+        registers_depth: bool,
     ) -> None:
         self._library, self._source, self._log = library, source, log
-        self._depth_format = source.depth_format(depth)
+        self._registers_depth = registers_depth
         self._is_stopped = False
         self._started: Future[StartedDevice] = Future()
         self._thread = threading.Thread()
@@ -127,8 +130,14 @@ class FreenectEventLoop:
                 closing(FreenectContext(self._library, self._log)) as context,
                 self._source.open(context) as device,
             ):
-                device.start(self._depth_format, callbacks.on_color, callbacks.on_depth)
-                calibration = self._source.configure(device)
+                source = self._source
+                device.start(
+                    source.color_format,
+                    source.depth_format,
+                    callbacks.on_color,
+                    callbacks.on_depth,
+                )
+                calibration = source.configure(device, registers_depth=self._registers_depth)
                 self._started.set_result(StartedDevice(device.serial, calibration))
                 self._process_events(context)
         except Exception as error:
@@ -171,18 +180,19 @@ class CaptureSession:
         self,
         library: ctypes.CDLL,
         source: DeviceSource,
-        depth: DepthFormat,
         earlier_counters: CameraCounters,
+        *,
+        registers_depth: bool,
     ) -> None:
         self._earlier_counters = earlier_counters
         self._log = LibfreenectLog()
         self._pairing: NearestFramePairing[PooledImage, PooledImage] = NearestFramePairing(
             min_period_s=source.min_period_s
         )
-        self._queue = source.make_queue()
+        self._source, self._queue = source, source.make_queue()
         self._timeouts = source.timeouts
         self._watchdog = self._make_watchdog()
-        self._loop = FreenectEventLoop(library, source, depth, self._log)
+        self._loop = FreenectEventLoop(library, source, self._log, registers_depth=registers_depth)
 
     def start(self) -> StartedDevice:
         """Open the device and start its streams. Raises CameraError."""
@@ -237,7 +247,7 @@ class CaptureSession:
     def _make_callbacks(self) -> StreamCallbacks:
         """Make the callbacks. Only the thread holds them, so their buffers are freed with it."""
         clock = StampUnwrapper(TICKS_PER_SECOND, STAMP_BITS)
-        color, depth = BufferPool((480, 640, 3), np.uint8), BufferPool((480, 640), np.uint16)
+        color, depth = BufferPool(self._source.color_format), BufferPool(self._source.depth_format)
         return StreamCallbacks(
             FrameCallback(color, clock, self._log.color, self._add_color).handle_frame,
             FrameCallback(depth, clock, self._log.depth, self._add_depth).handle_frame,

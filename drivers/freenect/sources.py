@@ -17,8 +17,22 @@ from drivers.camera import Clock, EndOfStream, PlaybackMode, SensorConfig
 from drivers.core import InputError, UserFacingError
 from drivers.core.input_files import open_input, read_input, read_input_text
 from drivers.core.queues import BlockingQueue, BoundedQueue, DropOldestQueue
-from drivers.freenect.bindings import PACKAGE, DepthFormat, Flag, load_library
+from drivers.freenect.bindings import (
+    COLOR_BAYER,
+    COLOR_RGB,
+    DEPTH_11_BIT,
+    DEPTH_11_BIT_PACKED,
+    PACKAGE,
+    Flag,
+    load_library,
+)
 from drivers.freenect.context import FreenectContext, FreenectDevice, ImagePair
+from drivers.freenect.conversion import (
+    DUMP_CONVERSION,
+    ImageConversion,
+    load_kernels,
+    make_raw_conversion,
+)
 from drivers.freenect.errors import (
     NO_BANDWIDTH_LINE,
     device_not_found_error,
@@ -27,13 +41,7 @@ from drivers.freenect.errors import (
     open_failed_error,
     unplugged_error,
 )
-from drivers.freenect.factory_calibration import (
-    DepthFilter,
-    FactoryCalibration,
-    ValidDepthMask,
-    all_depths_to_10_m,
-    find_valid_depths_mm,
-)
+from drivers.freenect.factory_calibration import FactoryCalibration
 from drivers.time_sync import MIN_IMAGE_PERIOD_S, HostClockSync
 
 
@@ -49,7 +57,7 @@ class StreamTimeouts:
 class DeviceCalibration:
     """What a device says about itself; a dump has no factory calibration."""
 
-    depth_filter: DepthFilter
+    conversion: ImageConversion
     factory: FactoryCalibration | None = None
 
 
@@ -62,9 +70,13 @@ COLOR_READOUT_S = 162 * 125e-6
 
 
 class KinectSource:
-    """A Kinect 1414, 1473 or Kinect for Windows, by serial number ("" for the first one found)."""
+    """A Kinect 1414, 1473 or Kinect for Windows, by serial number ("" for the first one found).
+
+    libfreenect passes on the images as the Kinect sends them.
+    """
 
     clock = Clock.MONOTONIC
+    color_format, depth_format = COLOR_BAYER, DEPTH_11_BIT_PACKED
     timeouts = StreamTimeouts(first_image_s=2.0, next_image_s=1.0)
     min_period_s = MIN_IMAGE_PERIOD_S
 
@@ -73,8 +85,10 @@ class KinectSource:
         self._serial, self._settings = serial, settings
 
     def load(self) -> ctypes.CDLL:
-        """Load the library. Raises UserFacingError without it."""
-        return load_library()
+        """Load the library and the kernels. Raises UserFacingError without the library."""
+        library = load_library()
+        load_kernels()
+        return library
 
     @contextmanager
     def open(self, context: FreenectContext) -> Iterator[FreenectDevice]:
@@ -84,12 +98,11 @@ class KinectSource:
                 raise open_failed_error(context.log)
             yield device
 
-    def depth_format(self, wanted: DepthFormat) -> DepthFormat:
-        """Return the depth format to set in the library."""
-        return wanted
-
-    def configure(self, device: FreenectDevice) -> DeviceCalibration:
+    def configure(self, device: FreenectDevice, *, registers_depth: bool) -> DeviceCalibration:
         """Set exposure and white balance, and read the calibration of the factory.
+
+        Args:
+            registers_depth: Whether the conversion registers depth to color.
 
         Raises:
             CameraError: The bus has not enough bandwidth for the streams.
@@ -98,8 +111,9 @@ class KinectSource:
             raise no_bandwidth_error(device.log)
         device.set_flag(Flag.AUTO_EXPOSURE, self._settings.auto_exposure)
         device.set_flag(Flag.AUTO_WHITE_BALANCE, self._settings.auto_white_balance)
-        raw_to_mm, factory = device.read_factory_calibration()
-        return DeviceCalibration(ValidDepthMask(find_valid_depths_mm(raw_to_mm)), factory)
+        tables, factory = device.read_factory_calibration()
+        conversion = make_raw_conversion(tables, registers_depth=registers_depth)
+        return DeviceCalibration(conversion, factory)
 
     def make_end_exception(self) -> Exception:
         """Make the exception for the end of libfreenect's events."""
@@ -137,6 +151,8 @@ class FakenectSource:
     """
 
     clock = Clock.RECORDED
+    color_format = COLOR_RGB
+    depth_format = DEPTH_11_BIT  # with another fakenect ends the process
     timeouts = StreamTimeouts(first_image_s=inf, next_image_s=inf)
     min_period_s = 0.0
 
@@ -158,13 +174,9 @@ class FakenectSource:
             assert device is not None, "fakenect opens any serial number"
             yield device
 
-    def depth_format(self, wanted: DepthFormat) -> DepthFormat:
-        """Return the only format with which fakenect does not end the process."""
-        return DepthFormat.RAW_11_BIT
-
-    def configure(self, device: FreenectDevice) -> DeviceCalibration:
-        """Return a filter up to 10 m; fakenect has no settings and no table."""
-        return DeviceCalibration(ValidDepthMask(all_depths_to_10_m()))
+    def configure(self, device: FreenectDevice, *, registers_depth: bool) -> DeviceCalibration:
+        """Return conversions only; fakenect has no settings and no table."""
+        return DeviceCalibration(DUMP_CONVERSION)
 
     def make_end_exception(self) -> Exception:
         return EndOfStream()

@@ -1,0 +1,91 @@
+"""Color images from the Bayer mosaic of the Kinect, with the pixels that libfreenect computes."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.core.jit import inline_kernel, kernel
+
+
+def demosaic(mosaic: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Interpolate the colors that the mosaic leaves out.
+
+    Args:
+        mosaic: (height, width) of even numbers; rows are green red and blue green by turns.
+
+    Returns:
+        (height, width, 3) BGR. Each mean of two is rounded down, and so is a mean of two means. The
+        border is mirrored at the outermost pixels.
+    """
+    height, width = mosaic.shape
+    bgr = np.empty((height, width, 3), np.uint8)
+    _demosaic(mosaic, bgr.reshape(height, 3 * width))
+    return bgr
+
+
+@inline_kernel
+def _mean(a: int, b: int) -> int:
+    return (a + b) >> 1
+
+
+@kernel
+def _demosaic(mosaic: NDArray[np.uint8], bgr: NDArray[np.uint8]) -> None:
+    """Fill (height, 3 * width) BGR.
+
+    Even and odd columns have arrays of their own, because the compiler turns only simple loops over
+    whole arrays into vector instructions. `left` and `right` are a row's pixels; their first and
+    last element is the mirrored one. `above_left` and `above_right` are the means of the pixels
+    above and below.
+    """
+    height, width = mosaic.shape
+    half = width // 2
+    left, above_left = np.empty(half + 1, np.uint8), np.empty(half + 1, np.uint8)
+    right, above_right = np.empty(half + 1, np.uint8), np.empty(half + 1, np.uint8)
+    for y in range(height):
+        row = mosaic[y]
+        above = mosaic[y - 1 if y > 0 else 1]
+        below = mosaic[y + 1 if y < height - 1 else height - 2]
+        for i in range(half):
+            left[i], right[i + 1] = row[2 * i], row[2 * i + 1]
+            above_left[i] = _mean(above[2 * i], below[2 * i])
+            above_right[i + 1] = _mean(above[2 * i + 1], below[2 * i + 1])
+        left[half], above_left[half] = left[half - 1], above_left[half - 1]
+        right[0], above_right[0] = right[1], above_right[1]
+        result = bgr[y]
+        if y % 2 == 0:
+            _fill_green_red(left, right, above_left, above_right, result)
+        else:
+            _fill_blue_green(left, right, above_left, above_right, result)
+
+
+@inline_kernel
+def _fill_green_red(
+    left: NDArray[np.uint8],
+    right: NDArray[np.uint8],
+    above_left: NDArray[np.uint8],
+    above_right: NDArray[np.uint8],
+    bgr: NDArray[np.uint8],
+) -> None:
+    for i in range(len(left) - 1):
+        bgr[6 * i] = above_left[i]
+        bgr[6 * i + 1] = left[i]
+        bgr[6 * i + 2] = _mean(right[i], right[i + 1])
+        bgr[6 * i + 3] = _mean(above_left[i], above_left[i + 1])
+        bgr[6 * i + 4] = _mean(_mean(left[i], left[i + 1]), above_right[i + 1])
+        bgr[6 * i + 5] = right[i + 1]
+
+
+@inline_kernel
+def _fill_blue_green(
+    left: NDArray[np.uint8],
+    right: NDArray[np.uint8],
+    above_left: NDArray[np.uint8],
+    above_right: NDArray[np.uint8],
+    bgr: NDArray[np.uint8],
+) -> None:
+    for i in range(len(left) - 1):
+        bgr[6 * i] = left[i]
+        bgr[6 * i + 1] = _mean(_mean(right[i], right[i + 1]), above_left[i])
+        bgr[6 * i + 2] = _mean(above_right[i], above_right[i + 1])
+        bgr[6 * i + 3] = _mean(left[i], left[i + 1])
+        bgr[6 * i + 4] = right[i + 1]
+        bgr[6 * i + 5] = above_right[i + 1]

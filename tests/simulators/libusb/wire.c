@@ -5,6 +5,7 @@
  * remaining slots of its period are empty.
  */
 #include <string.h>
+#include <sys/mman.h>
 
 #include "simulator.h"
 
@@ -12,6 +13,7 @@ enum { HEADER_BYTES = 12 };
 enum { FIRST = 1, MIDDLE = 2, LAST = 5 }; /* in the low half of the flag */
 enum { REGISTER_VIDEO = 0x05, REGISTER_DEPTH = 0x06, VIDEO_INFRARED = 3 };
 enum { TICKS_PER_S = 60000000 };
+enum { PAGE_BYTES = 4096 };
 #define NS_PER_S 1000000000
 
 /* One stream's part of a frame of the recording. */
@@ -70,12 +72,16 @@ static int64_t recorded_frame(const struct kinect *kinect, int64_t frame)
     }
 }
 
+static size_t frame_bytes(const struct recording *recording)
+{
+    return (size_t)recording->depth_bytes + recording->video_bytes + recording->infrared_bytes;
+}
+
 static struct picture picture_of(const struct kinect *kinect, enum stream stream, int64_t frame)
 {
     const struct recording *recording = &kinect->recording;
-    size_t frame_bytes =
-        (size_t)recording->depth_bytes + recording->video_bytes + recording->infrared_bytes;
-    const uint8_t *start = recording->frames + (size_t)recorded_frame(kinect, frame) * frame_bytes;
+    const uint8_t *start =
+        recording->frames + (size_t)recorded_frame(kinect, frame) * frame_bytes(recording);
     bool infrared = kinect->control->registers[REGISTER_VIDEO] == VIDEO_INFRARED;
     if (stream == DEPTH)
         return (struct picture){start, recording->depth_bytes, 1748, 0x70};
@@ -117,6 +123,14 @@ static void write_header(uint8_t *packet, uint8_t flag, uint8_t sequence, uint32
     put32(packet + 8, stamp);
 }
 
+/* Give the pages of the recording back, so that they are not counted as the program's memory. They
+ * are read again from the file's cache. */
+static void forget(const struct recording *recording)
+{
+    uintptr_t begin = (uintptr_t)recording->frames & ~(uintptr_t)(PAGE_BYTES - 1);
+    madvise((void *)begin, recording->count * frame_bytes(recording), MADV_DONTNEED);
+}
+
 /* Number of bytes written to `packet`; 0 for an empty slot. */
 unsigned packet_in_slot(struct kinect *kinect, enum stream stream, uint64_t slot, uint8_t *packet,
                         unsigned room)
@@ -146,5 +160,7 @@ unsigned packet_in_slot(struct kinect *kinect, enum stream stream, uint64_t slot
     write_header(packet, picture.flag | place, (uint8_t)counted,
                  stamp_of(control, stream, frame));
     memcpy(packet + HEADER_BYTES, picture.bytes + start, bytes);
+    if (place == LAST)
+        forget(&kinect->recording);
     return HEADER_BYTES + bytes;
 }

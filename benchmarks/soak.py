@@ -29,7 +29,12 @@ from benchmarks.service_load import (
 )
 from drivers.core.files import atomic_write
 from drivers.core.geometry import Array
-from tests.resource_leaks import count_open_files_of, is_alive, resident_memory_kb
+from tests.resource_leaks import (
+    count_open_files_of,
+    is_alive,
+    proportional_memory_kb,
+    resident_memory_kb,
+)
 from tests.simulators.frame_sources import folder_frames, write_fitted_usb_frames
 from tests.simulators.kinect_simulator import IDENTITY, KinectSimulator, LoopMode
 from tests.vo_service.corner_sequence import make_corner_kinect, write_corner_frames
@@ -377,7 +382,7 @@ def report_growth(record: SoakRecord, warm_up: int) -> int:
 
 @dataclass(frozen=True)
 class KinectSample:
-    """Counters and costs at one time."""
+    """Counters and costs at one time; memory is the proportional set size."""
 
     time_s: float
     sent: int
@@ -448,7 +453,7 @@ def take_sample(service: ServiceProcess, kinect: KinectSimulator) -> KinectSampl
     at_s, sent, poses = time.monotonic(), min(kinect.frames_sent), len(service.received.poses)
     use = measure_processor_use(processes[0], *descendants_of(processes[0])).by_process
     used_s = use[processes[0]], use[processes[1]], sum(use.values())
-    memory_kb = resident_memory_kb(processes[0]), resident_memory_kb(processes[1])
+    memory_kb = proportional_memory_kb(processes[0])[0], proportional_memory_kb(processes[1])[0]
     statuses = len(service.received.statuses)
     service.wait_for_status(lambda _: len(service.received.statuses) > statuses)
     return KinectSample(at_s, sent, poses, service.status, used_s, memory_kb)

@@ -14,7 +14,7 @@ ROWS, COLUMNS = 480, 640
 INFRARED_ROWS = 488
 DEPTH_BITS, INFRARED_BITS = 11, 10
 _MAGIC = 0x4D4C464B
-_HEADER_BYTES = 64
+HEADER_BYTES = 64
 
 ColorBgr = NDArray[np.uint8]
 DepthMm = NDArray[np.uint16]
@@ -48,7 +48,7 @@ def write_usb_frames(
     infrared_bytes = INFRARED_ROWS * COLUMNS * INFRARED_BITS // 8 if len(infrared) else 0
     count = 0
     with file.open("wb") as stream:
-        stream.write(bytes(_HEADER_BYTES))
+        stream.write(bytes(HEADER_BYTES))
         for count, (bgr, depth_mm) in enumerate(frames, start=1):
             _check_shape(depth_mm, (ROWS, COLUMNS))
             _check_shape(bgr, (ROWS, COLUMNS, 3))

@@ -15,9 +15,9 @@ from tests.simulators.fixtures import SimulateKinect, pattern_frame
 from tests.simulators.freenect_probe import DEPTH_MM, DEPTH_REGISTERED, capture_kinect
 from tests.simulators.kinect_registration import RegistrationTable, make_factory_table, raw_to_mm
 from tests.simulators.kinect_simulator import FACTORY, IDENTITY, KinectSimulator, write_usb_frames
+from tests.simulators.usb_frames import HEADER_BYTES
 
 FRAMES = 2
-HEADER_BYTES = 64
 
 
 def plug_in_noise(

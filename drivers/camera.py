@@ -229,7 +229,8 @@ class RgbdFrame:
     pose_prior: PosePrior | None = None
 
     def __post_init__(self) -> None:
-        if (self.depth_raw == MAX_DEPTH_VALUE).any():
+        # The maximum takes a third of the time of a comparison of all pixels.
+        if self.depth_raw.max(initial=0) == MAX_DEPTH_VALUE:
             depth_raw = np.where(self.depth_raw == MAX_DEPTH_VALUE, np.uint16(0), self.depth_raw)
             object.__setattr__(self, "depth_raw", depth_raw)
 

@@ -13,6 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
+from drivers.freenect.conversion import load_kernels
 from drivers.synthetic.renderer import warm_up_renderer
 from vo_service.depth_packing import compile_kernels
 from vo_service.kernels.argument_types import to_json
@@ -39,6 +40,7 @@ def part_runs() -> dict[str, Callable[[], object]]:
         for name in ("direct", "surf", "icp", "sfm")
     }
     return methods | {
+        "Kinect": load_kernels,
         "virtual Kinect": warm_up_renderer,
         "depth packing": compile_kernels,
         "loop closure": partial(run_warm_up_frames, StationaryOdometry),

@@ -84,7 +84,7 @@ def _use_environment(processor: str) -> None:
 
 def _used_parts(config: Config) -> list[str]:
     """List the parts whose kernels a configuration uses."""
-    parts = [config.odometry.method, "scan", "grid"]
+    parts = [config.odometry.method, "scan", "grid", "Kinect"]
     if config.map.enabled:
         parts += ["reconstruction", "loop closure"]
     if config.recorder.enabled or config.map.enabled:

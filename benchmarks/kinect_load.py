@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from benchmarks.harness import Table, Variants, measure_cpu_ms, median, option
 from benchmarks.kinect import make_kinect_without_motor
 from benchmarks.service_load import descendants_of, measure_processor_use
-from drivers.camera import RgbdFrame
+from drivers.camera import RgbdFrame, new_images
 from drivers.core.memory import limit_freed_memory
 from drivers.core.process.record_ring import create_shared_memory
 from drivers.freenect.bindings import COLOR_BAYER, DEPTH_11_BIT_PACKED
@@ -75,14 +75,15 @@ def make_steps(
     slots = FrameSlots(create_shared_memory("benchmark", SLOT_COUNT * SLOT_BYTES))
     colors, depths = (cycle(images) for images in zip(*raw_images, strict=True))
     slot = cycle(range(SLOT_COUNT))
+    color_bgr, depth_mm = new_images(frame.camera.width, frame.camera.height)
     slots.write(0, 0, frame)
     return {
-        "color: Bayer mosaic to BGR": lambda: conversion.to_bgr(next(colors)),
-        "depth: unpack, register, filter": lambda: conversion.to_mm(next(depths)),
+        "color: Bayer mosaic to BGR": lambda: conversion.to_bgr(next(colors), color_bgr),
+        "depth: unpack, register, filter": lambda: conversion.to_mm(next(depths), depth_mm),
         "undistort color (camera file)": lambda: undistorter.undistort_color(frame.color_bgr),
         "undistort depth (camera file)": lambda: undistorter.undistort_depth(frame.depth_raw),
         "make the frame": lambda: replace(frame),
-        "into shared memory": lambda: slots.write(next(slot), 0, frame),
+        "copy into shared memory": lambda: slots.write(next(slot), 0, frame),
         "service: out of shared memory": lambda: slots.read(0),
     }
 

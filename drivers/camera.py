@@ -254,6 +254,15 @@ class RgbdFrame:
         return gray
 
 
+# Color (height, width, 3) uint8 BGR, and depth (height, width) uint16.
+ImageArrays = tuple[NDArray[np.uint8], NDArray[np.uint16]]
+
+
+def new_images(width: int, height: int) -> ImageArrays:
+    """Make arrays for the images of a frame."""
+    return np.empty((height, width, 3), np.uint8), np.empty((height, width), np.uint16)
+
+
 class Clock(StrEnum):
     """The clock of a camera's stamps."""
 
@@ -338,6 +347,8 @@ class RgbdCamera(ABC):
     clock: Clock
     # Is never lost, or opens itself again after a loss: `read` then only times out.
     reconnects = False
+    # Makes the arrays of width and height in which a camera may put the images of the next frame.
+    make_images: Callable[[int, int], ImageArrays] = staticmethod(new_images)
 
     def prepare(self) -> None:  # noqa: B027 (most cameras have nothing to prepare)
         """Start long preparations for the first frame in the background. Returns at once.

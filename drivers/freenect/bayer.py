@@ -6,20 +6,17 @@ from numpy.typing import NDArray
 from drivers.core.jit import inline_kernel, kernel
 
 
-def demosaic(mosaic: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def demosaic(mosaic: NDArray[np.uint8], bgr: NDArray[np.uint8]) -> None:
     """Interpolate the colors that the mosaic leaves out.
+
+    Each mean of two is rounded down, and so is a mean of two means. The border is mirrored at the
+    outermost pixels.
 
     Args:
         mosaic: (height, width) of even numbers; rows are green red and blue green by turns.
-
-    Returns:
-        (height, width, 3) BGR. Each mean of two is rounded down, and so is a mean of two means. The
-        border is mirrored at the outermost pixels.
+        bgr: (height, width, 3) the result.
     """
-    height, width = mosaic.shape
-    bgr = np.empty((height, width, 3), np.uint8)
-    _demosaic(mosaic, bgr.reshape(height, 3 * width))
-    return bgr
+    _demosaic(mosaic, bgr.reshape(len(mosaic), -1))
 
 
 @inline_kernel

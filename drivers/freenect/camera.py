@@ -185,8 +185,10 @@ class FreenectCamera(RgbdCamera):
 
     def _make_frame(self, pair: ImagePair, lost_packets: int) -> RgbdFrame:
         color, rectifier, camera = pair.color, self._rectifier, self._rectifier.camera
-        bgr = rectifier.rectify_color(self._conversion.to_bgr(color.pixels))
-        depth = rectifier.rectify_depth(self._conversion.to_mm(pair.depth.pixels))
+        bgr, depth = self.make_images(camera.width, camera.height)
+        self._conversion.to_bgr(color.pixels, bgr)
+        self._conversion.to_mm(pair.depth.pixels, depth)
+        bgr, depth = rectifier.rectify_color(bgr), rectifier.rectify_depth(depth)
         if self._settings.mirror:
             # Finished images, because libfreenect's registration needs unmirrored depth.
             bgr, depth = cv2.flip(bgr, 1), cv2.flip(depth, 1)  # type: ignore[assignment]

@@ -16,12 +16,12 @@ class ImageConversion:
     """The conversion of both streams of one device.
 
     Attributes:
-        to_bgr: Converts a color image to (480, 640, 3) uint8 BGR.
+        to_bgr: Converts a color image, its first argument, to (480, 640, 3) uint8 BGR.
         to_mm: Converts a depth image to (480, 640) uint16 millimeters; 0 = no reading.
     """
 
-    to_bgr: Callable[[NDArray[np.uint8]], NDArray[np.uint8]]
-    to_mm: Callable[[NDArray[Any]], NDArray[np.uint16]]
+    to_bgr: Callable[[NDArray[np.uint8], NDArray[np.uint8]], object]
+    to_mm: Callable[[NDArray[Any], NDArray[np.uint16]], object]
 
 
 def make_raw_conversion(tables: DepthTables, *, registers_depth: bool) -> ImageConversion:
@@ -46,17 +46,17 @@ def load_kernels() -> None:
     from drivers.freenect.bayer import demosaic
     from drivers.freenect.raw_depth import compile_kernels
 
-    demosaic(np.zeros((4, 4), np.uint8))
+    demosaic(np.zeros((4, 4), np.uint8), np.empty((4, 4, 3), np.uint8))
     compile_kernels()
     release_memory()
 
 
-def _to_bgr(color_rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    return cv2.cvtColor(color_rgb, cv2.COLOR_RGB2BGR)  # type: ignore[return-value]
+def _to_bgr(color_rgb: NDArray[np.uint8], bgr: NDArray[np.uint8]) -> None:
+    cv2.cvtColor(color_rgb, cv2.COLOR_RGB2BGR, bgr)
 
 
-def _clear_far(depth_mm: NDArray[np.uint16]) -> NDArray[np.uint16]:
-    return np.where(depth_mm < MAX_DEPTH_MM, depth_mm, np.uint16(0))
+def _clear_far(depth_mm: NDArray[np.uint16], result: NDArray[np.uint16]) -> None:
+    np.multiply(depth_mm, depth_mm < MAX_DEPTH_MM, out=result)
 
 
 # Color is RGB, depth is in millimeters and registered.

@@ -26,11 +26,9 @@ class UnregisteredDepth:
     def __init__(self, tables: DepthTables) -> None:
         self._valid_mm = tables.valid_mm
 
-    def __call__(self, packed: NDArray[np.uint8]) -> NDArray[np.uint16]:
-        """Convert (422400,) packed values to (480, 640) uint16 millimeters; 0 = no reading."""
-        depth_mm = np.empty((ROWS, COLUMNS), np.uint16)
-        _look_up(packed, self._valid_mm, depth_mm.ravel())
-        return depth_mm
+    def __call__(self, packed: NDArray[np.uint8], depth_mm: NDArray[np.uint16]) -> None:
+        """Convert (422400,) packed values to (480, 640) millimeters; 0 = no reading."""
+        _look_up(packed, self._valid_mm, depth_mm.reshape(-1))
 
 
 class RegisteredDepth:
@@ -56,17 +54,14 @@ class RegisteredDepth:
         self._skipped_pixels = tables.skipped_pixels
         self._codes = np.full((ROWS + 1, _PADDED_COLUMNS), _EMPTY, np.uint16)
 
-    def __call__(self, packed: NDArray[np.uint8]) -> NDArray[np.uint16]:
-        """Convert (422400,) packed values to (480, 640) uint16 millimeters; 0 = no reading."""
-        depth_mm = np.empty((ROWS, COLUMNS), np.uint16)
-        _register(packed, self._entries, self._targets, self._codes.ravel())
+    def __call__(self, packed: NDArray[np.uint8], depth_mm: NDArray[np.uint16]) -> None:
+        """Convert (422400,) packed values to (480, 640) millimeters; 0 = no reading."""
+        _register(packed, self._entries, self._targets, self._codes.reshape(-1))
         _take_depth(self._codes, depth_mm)
-        return self._without_skipped_pixels(depth_mm) if self._skipped_pixels else depth_mm
-
-    def _without_skipped_pixels(self, depth_mm: NDArray[np.uint16]) -> NDArray[np.uint16]:
-        shifted = np.zeros_like(depth_mm)
-        shifted.ravel()[: -self._skipped_pixels] = depth_mm.ravel()[self._skipped_pixels :]
-        return shifted
+        if self._skipped_pixels:
+            pixels = depth_mm.reshape(-1)
+            pixels[: -self._skipped_pixels] = pixels[self._skipped_pixels :].copy()
+            pixels[-self._skipped_pixels :] = 0
 
 
 def compile_kernels() -> None:
@@ -78,7 +73,7 @@ def compile_kernels() -> None:
         skipped_pixels=0,
     )
     for convert in (UnregisteredDepth(tables), RegisteredDepth(tables)):
-        convert(np.zeros(ROWS * COLUMNS * 11 // 8, np.uint8))
+        convert(np.zeros(ROWS * COLUMNS * 11 // 8, np.uint8), np.empty((ROWS, COLUMNS), np.uint16))
 
 
 @inline_kernel

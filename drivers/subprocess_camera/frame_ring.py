@@ -11,22 +11,24 @@ import pickle
 import select
 import threading
 import time
-from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, fields
 from struct import Struct
+from typing import Any
 
-from drivers.camera import FrameTimeout, PlaybackMode, RgbdFrame
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.camera import FrameTimeout, ImageArrays, PlaybackMode, RgbdFrame, new_images
 from drivers.core import UserFacingError
 from drivers.core.process.record_ring import create_shared_memory
 
 SLOT_COUNT = 4
 # Enough for 12 megapixels. Untouched memory is not allocated: 640x480 takes 1.5 MB per slot.
 SLOT_BYTES = 64 * 2**20
-# For all fields of a frame but its images.
-MAX_FIELD_BYTES = 1 << 16
-# Length of a part of a slot, in front of it: the pickled fields, then the images.
-_LENGTH = Struct("=Q")
+# In front of a slot: width and height of its images, and the length of the pickled other fields.
+_HEADER = Struct("=3Q")
+_ALIGNMENT_BYTES = 64
 
 
 class FrameSlots:
@@ -36,30 +38,51 @@ class FrameSlots:
         """Map the memory of SLOT_COUNT * SLOT_BYTES."""
         self._memory = mmap.mmap(memory_fd, SLOT_COUNT * SLOT_BYTES)
 
+    @staticmethod
+    def has_room(width: int, height: int) -> bool:
+        """Whether images of this size fit into a slot."""
+        return _fields_offset(width, height) <= SLOT_BYTES
+
+    def images(self, slot: int, width: int, height: int) -> ImageArrays:
+        """Return the arrays of the images in a slot."""
+        depth_at = slot * SLOT_BYTES + _depth_offset(width, height)
+        color = np.frombuffer(
+            self._memory, np.uint8, 3 * width * height, slot * SLOT_BYTES + _ALIGNMENT_BYTES
+        )
+        depth = np.frombuffer(self._memory, np.uint16, width * height, depth_at)
+        return color.reshape(height, width, 3), depth.reshape(height, width)
+
     def write(self, slot: int, ordinal: int, frame: RgbdFrame) -> None:
-        """Copy a frame into a slot. Raises UserFacingError."""
-        camera = frame.camera
-        if MAX_FIELD_BYTES + camera.width * camera.height * 5 > SLOT_BYTES:
+        """Write a frame into a slot; images that are there already are not copied.
+
+        Raises:
+            UserFacingError: The frame is too large.
+        """
+        width, height = frame.camera.width, frame.camera.height
+        # Without the images, and without the values that are cached in the frame.
+        values = {name: getattr(frame, name) for name in _FIELDS}
+        pickled = pickle.dumps((ordinal, values), protocol=5)
+        fields_at = _fields_offset(width, height)
+        if fields_at + len(pickled) > SLOT_BYTES:
             raise UserFacingError(
-                f"frames of {camera.width}x{camera.height} are too large for the shared memory; "
+                f"frames of {width}x{height} are too large for the shared memory; "
                 "choose a smaller mode of the camera"
             )
-        images: list[pickle.PickleBuffer] = []
-        # Without the values that are cached in the frame.
-        values = {field.name: getattr(frame, field.name) for field in fields(frame)}
-        pickled = pickle.dumps((ordinal, values), protocol=5, buffer_callback=images.append)
+        color, depth = self.images(slot, width, height)
+        _copy_unless_there(frame.color_bgr, color)
+        _copy_unless_there(frame.depth_raw, depth)
         begin = slot * SLOT_BYTES
-        for data in (memoryview(pickled), *(image.raw() for image in images), memoryview(b"")):
-            end = begin + _LENGTH.size + len(data)
-            _LENGTH.pack_into(self._memory, begin, len(data))
-            self._memory[begin + _LENGTH.size : end] = data
-            begin = end
+        _HEADER.pack_into(self._memory, begin, width, height, len(pickled))
+        self._memory[begin + fields_at : begin + fields_at + len(pickled)] = pickled
 
     def read(self, slot: int) -> tuple[int, RgbdFrame]:
         """Return the ordinal and a copy of the frame in a slot."""
-        pickled, *images = self._copy_parts(slot * SLOT_BYTES)
-        ordinal, values = pickle.loads(pickled, buffers=images)
-        return ordinal, RgbdFrame(**values)
+        begin = slot * SLOT_BYTES
+        width, height, length = _HEADER.unpack_from(self._memory, begin)
+        fields_at = begin + _fields_offset(width, height)
+        ordinal, values = pickle.loads(self._memory[fields_at : fields_at + length])
+        color, depth = self.images(slot, width, height)
+        return ordinal, RgbdFrame(color_bgr=color.copy(), depth_raw=depth.copy(), **values)
 
     def close(self) -> None:
         """Unmap the memory."""
@@ -68,13 +91,22 @@ class FrameSlots:
         with suppress(BufferError):
             self._memory.close()
 
-    def _copy_parts(self, begin: int) -> Iterator[bytearray]:
-        """Yield the parts that `write` has written from here on, up to the empty one."""
-        with memoryview(self._memory) as memory:
-            while length := _LENGTH.unpack_from(memory, begin)[0]:
-                begin += _LENGTH.size
-                yield bytearray(memory[begin : begin + length])
-                begin += length
+
+_FIELDS = [each.name for each in fields(RgbdFrame) if each.name not in ("color_bgr", "depth_raw")]
+
+
+def _copy_unless_there(image: NDArray[Any], place: NDArray[Any]) -> None:
+    if not np.may_share_memory(image, place):
+        np.copyto(place, image)
+
+
+def _depth_offset(width: int, height: int) -> int:
+    end = _ALIGNMENT_BYTES + 3 * width * height
+    return end + -end % _ALIGNMENT_BYTES
+
+
+def _fields_offset(width: int, height: int) -> int:
+    return _depth_offset(width, height) + 2 * width * height
 
 
 _END_TOKEN = SLOT_COUNT  # sent after the last frame
@@ -222,8 +254,14 @@ class FrameRingWriter:
             self._poll.poll(left_s * 1e3)
         return bool(self._held_token)
 
+    def make_images(self, width: int, height: int) -> ImageArrays:
+        """Return the arrays in the held slot, or new ones: so the next frame is not copied."""
+        if not self._held_token or not FrameSlots.has_room(width, height):
+            return new_images(width, height)
+        return self._slots.images(self._held_token[0], width, height)
+
     def put(self, frame: RgbdFrame) -> None:
-        """Copy a frame into the held slot and pass it on."""
+        """Write a frame into the held slot and pass it on."""
         self._slots.write(self._held_token[0], self._ordinal, frame)
         os.write(self._filled_write_fd, self._held_token)
         self._held_token = b""

@@ -72,6 +72,7 @@ class CaptureLoop:
             on_phase=self._report_phase,
         )
         self._ring = FrameRingWriter(config.ring_fds, config.playback_mode)
+        camera.make_images = self._ring.make_images
         self._last_heartbeat_s = 0.0
 
     def run(self) -> None:

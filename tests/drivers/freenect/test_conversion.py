@@ -76,6 +76,8 @@ def test_unregistered_depth_is_that_of_libfreenect(
 def test_a_dump_keeps_depths_below_10_m_and_swaps_red_and_blue() -> None:
     depth_mm = np.arange(65536, dtype=np.uint16).reshape(256, 256)
     color_rgb = np.array([[[1, 2, 3]]], np.uint8)
-    kept = DUMP_CONVERSION.to_mm(depth_mm)
+    kept, color_bgr = np.empty_like(depth_mm), np.empty_like(color_rgb)
+    DUMP_CONVERSION.to_mm(depth_mm, kept)
+    DUMP_CONVERSION.to_bgr(color_rgb, color_bgr)
     assert np.array_equal(kept, depth_mm * (depth_mm < MAX_DEPTH_MM))
-    assert DUMP_CONVERSION.to_bgr(color_rgb).tolist() == [[[3, 2, 1]]]
+    assert color_bgr.tolist() == [[[3, 2, 1]]]

@@ -33,6 +33,16 @@ def pack(raw: np.ndarray) -> np.ndarray:
     return pack_bits(raw.astype(np.uint16), DEPTH_BITS)
 
 
+def register(tables: DepthTables, raw: np.ndarray) -> np.ndarray:
+    return convert(RegisteredDepth(tables), raw)
+
+
+def convert(to_mm: RegisteredDepth, raw: np.ndarray) -> np.ndarray:
+    depth_mm = np.empty((ROWS, COLUMNS), np.uint16)
+    to_mm(pack(raw), depth_mm)
+    return depth_mm
+
+
 def empty_raw() -> np.ndarray:
     return np.full((ROWS, COLUMNS), NO_READING)
 
@@ -42,9 +52,9 @@ def test_of_two_readings_of_a_pixel_the_nearer_is_kept_in_any_order() -> None:
     tables.registration[0, :2] = tables.registration[7, :2] = (5 * REGISTRATION_UNITS_PER_PX, 3)
     raw = empty_raw()
     raw[0, :2], raw[9, 9] = (NEAR, FAR), FAR
-    depth_mm = RegisteredDepth(tables)(pack(raw))
+    depth_mm = register(tables, raw)
     raw[0, :2] = FAR, NEAR
-    assert np.array_equal(RegisteredDepth(tables)(pack(raw)), depth_mm)
+    assert np.array_equal(register(tables, raw), depth_mm)
     assert (depth_mm[3, 5], depth_mm[9, 9]) == (2 * NEAR, 2 * FAR)
     assert np.count_nonzero(depth_mm) == 2
 
@@ -54,20 +64,18 @@ def test_an_ambiguous_reading_hides_those_behind_it() -> None:
     tables.registration[0, :2] = (5 * REGISTRATION_UNITS_PER_PX, 3)
     raw = empty_raw()
     raw[0, :2] = AMBIGUOUS, FAR
-    assert not RegisteredDepth(tables)(pack(raw)).any()
+    assert not register(tables, raw).any()
 
 
 def test_nothing_remains_of_the_image_before() -> None:
-    convert = RegisteredDepth(make_tables())
-    first = convert(pack(np.full((ROWS, COLUMNS), NEAR)))
-    assert (first == 2 * NEAR).all()
-    assert not convert(pack(empty_raw())).any()
-    assert first.any()
+    to_mm = RegisteredDepth(make_tables())
+    assert (convert(to_mm, np.full((ROWS, COLUMNS), NEAR)) == 2 * NEAR).all()
+    assert not convert(to_mm, empty_raw()).any()
 
 
 def test_skipped_pixels_move_the_image() -> None:
     raw = np.random.default_rng(1).integers(300, 950, (ROWS, COLUMNS))
-    whole = RegisteredDepth(make_tables())(pack(raw)).ravel()
-    moved = RegisteredDepth(replace(make_tables(), skipped_pixels=480))(pack(raw)).ravel()
+    whole = register(make_tables(), raw).ravel()
+    moved = register(replace(make_tables(), skipped_pixels=480), raw).ravel()
     assert np.array_equal(moved[:-480], whole[480:])
     assert not moved[-480:].any()

@@ -90,6 +90,29 @@ def test_every_field_is_transferred_unchanged() -> None:
         assert np.array_equal(getattr(found, field.name), getattr(frame, field.name)), field.name
 
 
+@pytest.mark.parametrize("replaced", [False, True])
+def test_images_may_be_made_in_the_slot(replaced: bool) -> None:
+    frame = make_pattern_frame(5, 5.0)
+    with ring(PlaybackMode.REALTIME) as (reader, writer):
+        assert writer.acquire(0.0)
+        color_bgr, depth_raw = writer.make_images(frame.camera.width, frame.camera.height)
+        depth_raw[:] = frame.depth_raw
+        color_bgr[:] = 255 if replaced else frame.color_bgr
+        image = frame.color_bgr if replaced else color_bgr
+        writer.put(replace(frame, color_bgr=image, depth_raw=depth_raw))
+        assert take(reader) == 5
+
+
+def test_images_for_which_there_is_no_slot_are_new_arrays() -> None:
+    with ring(PlaybackMode.REALTIME) as (_, writer):
+        new = writer.make_images(4, 3)
+        assert writer.acquire(0.0)
+        held, large = writer.make_images(4, 3), writer.make_images(10_000, 10_000)
+    for color_bgr, depth_raw in (new, held, large):
+        assert color_bgr.shape == (*depth_raw.shape, 3)
+    assert [images[0].base is None for images in (new, held, large)] == [True, False, True]
+
+
 def test_missing_fields_stay_missing() -> None:
     with ring(PlaybackMode.REALTIME) as (reader, writer):
         put(writer, 3)

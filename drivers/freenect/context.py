@@ -105,15 +105,22 @@ class FreenectContext:
         finally:
             device.close()
 
-    def process_events(self, timeout: TimeValue) -> bool:
-        """Process USB events; return False once the device is gone.
+    def make_event_processor(self, timeout: TimeValue) -> Callable[[], bool]:
+        """Make the function that processes USB events, and returns False once the device is gone.
 
-        Exceptions of the callbacks are raised here.
+        It raises the exceptions of the callbacks. It is called 500 times a second, so its arguments
+        are converted for C only once.
         """
-        result = self.library.freenect_process_events_timeout(self._pointer, timeout)
-        if self._callback_error is not None:
-            raise self._callback_error
-        return bool(result >= 0 or result == INTERRUPTED)
+        process = self.library.freenect_process_events_timeout
+        context, timeout_pointer = self._pointer, ctypes.pointer(timeout)
+
+        def process_events() -> bool:
+            result = process(context, timeout_pointer)
+            if self._callback_error is not None:
+                raise self._callback_error
+            return result >= 0 or result == INTERRUPTED  # type: ignore[no-any-return]
+
+        return process_events
 
     def make_callback(self, function: RawFrameCallback) -> Any:
         """Wrap a function as a C callback; its exception is kept, as it cannot pass through C."""

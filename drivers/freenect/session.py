@@ -147,8 +147,9 @@ class FreenectEventLoop:
                 self._started.set_exception(error)
 
     def _process_events(self, context: FreenectContext) -> None:
+        process_events = context.make_event_processor(EVENTS_TIMEOUT)
         while not self._is_stopped:
-            if not context.process_events(EVENTS_TIMEOUT):
+            if not process_events():
                 raise self._source.make_end_exception()
 
 

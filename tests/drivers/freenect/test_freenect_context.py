@@ -21,7 +21,7 @@ def library(**answers: int) -> Any:
 @pytest.mark.parametrize(("result", "goes_on"), [(0, True), (10, True), (-10, True), (-1, False)])
 def test_only_real_errors_end_the_event_loop(result: int, goes_on: bool) -> None:
     context = FreenectContext(library(process_events_timeout=result), LibfreenectLog())
-    assert context.process_events(TimeValue(0, 0)) is goes_on
+    assert context.make_event_processor(TimeValue(0, 0))() is goes_on
 
 
 def test_an_exception_in_a_callback_leaves_the_event_loop() -> None:
@@ -32,7 +32,7 @@ def test_an_exception_in_a_callback_leaves_the_event_loop() -> None:
 
     context.make_callback(fails)(None, 7, 8)
     with pytest.raises(CameraError, match="7 8"):
-        context.process_events(TimeValue(0, 0))
+        context.make_event_processor(TimeValue(0, 0))()
 
 
 def test_a_machine_without_usb_is_an_error() -> None:

@@ -135,6 +135,7 @@ def measure_processes(args: argparse.Namespace) -> None:
             service.wait_until_streaming(time.monotonic())
             time.sleep(WARM_UP_S)
             _print_processes(service.process.pid, kinect, args.seconds)
+            service.stop()
 
 
 def _print_processes(service: int, kinect: KinectSimulator, seconds: float) -> None:

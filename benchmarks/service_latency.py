@@ -1,8 +1,7 @@
-"""Latency of the service: from a frame to its pose, and from the start to the first pose.
+"""Latency of the service: from a frame to its pose, with disturbances, and with scan and grid.
 
 python -m benchmarks service_latency poses [--seconds 20] [--rounds 3] [--case NAME]
 python -m benchmarks service_latency navigation [--seconds 60] [--rounds 5]
-python -m benchmarks service_latency start [--rounds 3]
 """
 
 import argparse
@@ -37,7 +36,7 @@ from drivers.synthetic.motions import ROBOT_CAMERA_HEIGHT_M
 from tests.ports import free_port
 from tests.resource_leaks import find_child_running
 from tests.simulators.zenoh_router import running_router
-from tests.vo_service.service_process import KINECT_VO, ServiceProcess, running_service
+from tests.vo_service.service_process import ServiceProcess, running_service
 from vo_service import CommandRefused, PoseClient
 from vo_service.types.commands import SaveMapCommand
 
@@ -50,9 +49,6 @@ TABLE = Table(
     *(24, "p50:7.1f", "p99:7.1f", "max:8.1f", "p50 x:7.2f", "p99 x:7.2f", "dropped:8d"),
     *("lost:5d", "service:9.2f", "workers:9.2f", "steal %:8.1f", "limits:8"),
 )
-START_TIMEOUT_S = 300.0
-POLL_PERIOD_S = 0.05
-JPEG = b"\xff\xd8\xff"
 Action = Callable[[ServiceProcess], None]
 
 
@@ -470,78 +466,7 @@ def _core_percent(ms_per_frame: float) -> float:
     return 0.1 * RATE_HZ * ms_per_frame
 
 
-START_OPTIONS = (option("--rounds", type=int, default=3, help="starts of each (default: 3)"),)
-
-
-def measure_start(args: argparse.Namespace) -> None:
-    """Time to the virtual Kinect's first pose and first picture with an empty cache.
-
-    "first pose" is from the start of `kinect-vo run --camera synthetic` until a client has a pose.
-    "first picture" is from the start of `kinect-vo demo` until its Rerun recording has an image.
-    The recording is written every two seconds, so the page shows the image up to two seconds
-    sooner. Each start has an empty cache folder: kernels are compiled by the setup, but no room is
-    rendered.
-    """
-    cases = {
-        "first pose of run": _measure_first_pose_s,
-        "first picture of demo": _measure_first_picture_s,
-    }
-    for name, measure in cases.items():
-        taken_s = sorted(measure_start_s(measure) for _ in range(args.rounds))
-        each = ", ".join(f"{seconds:.1f}" for seconds in taken_s)
-        print(f"{name}: {median(taken_s):.1f} s (all: {each})", flush=True)
-
-
-def measure_start_s(measure: Callable[[Path, Path, int], float]) -> float:
-    """Measure one start in an empty folder, with a configuration that uses a free port."""
-    with tempfile.TemporaryDirectory() as name:
-        folder, port = Path(name), free_port()
-        config = folder / "kinect.toml"
-        config.write_text(f'schema = 1\n[zenoh]\nlisten = ["tcp/127.0.0.1:{port}"]\n')
-        return measure(folder, config, port)
-
-
-def _measure_first_pose_s(folder: Path, config: Path, port: int) -> float:
-    """Measure the seconds until a client has the first pose of the service."""
-    begin_s = time.monotonic()
-    with (
-        running_command(folder, "run", "--camera", "synthetic", "--config", config),
-        PoseClient(connect=f"tcp/127.0.0.1:{port}") as client,
-    ):
-        next(iter(client.poses(timeout_s=START_TIMEOUT_S)))
-        return time.monotonic() - begin_s
-
-
-def _measure_first_picture_s(folder: Path, config: Path, port: int) -> float:
-    """Measure the seconds until the demo's recording has an image."""
-    recording = folder / "demo" / "demo.rrd"
-    begin_s = time.monotonic()
-    with running_command(
-        folder, "demo", "--config", config, "--output", recording.parent
-    ) as process:
-        while not (recording.exists() and JPEG in recording.read_bytes()):
-            if process.poll() is not None or time.monotonic() - begin_s > START_TIMEOUT_S:
-                raise RuntimeError("the demo recorded no image")
-            time.sleep(POLL_PERIOD_S)
-        return time.monotonic() - begin_s
-
-
-@contextmanager
-def running_command(folder: Path, *arguments: object) -> Iterator["subprocess.Popen[bytes]"]:
-    """Run a command with its own cache; end it at the end of the block."""
-    caches = {"XDG_CACHE_HOME": folder / "cache", "XDG_STATE_HOME": folder / "state"}
-    environment = os.environ | {name: str(path) for name, path in caches.items()}
-    command = [str(part) for part in (KINECT_VO, *arguments)]
-    devnull = subprocess.DEVNULL
-    with subprocess.Popen(command, env=environment, stdout=devnull, stderr=devnull) as process:
-        try:
-            yield process
-        finally:
-            process.terminate()
-
-
 VARIANTS: Variants = {
     "poses": (POSES_OPTIONS, measure_latency),
     "navigation": (NAVIGATION_OPTIONS, measure_navigation),
-    "start": (START_OPTIONS, measure_start),
 }

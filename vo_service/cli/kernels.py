@@ -36,12 +36,16 @@ def compile_kernels(parts: Sequence[str], terminal: Terminal, stop: StopSignal) 
     run_warm_up(partial(ensure_compiled, parts), terminal, stop)
 
 
+# The part of a camera that has kernels, by its source.
+CAMERA_PARTS = {"freenect": "Kinect", "synthetic": "virtual Kinect"}
+
+
 def first_parts(config: Config, source: str) -> list[str]:
     """List the parts whose kernels the first pose needs; other processes compile their own."""
     parts = [config.odometry.method]
     if config.recorder.enabled or config.map.enabled:
         parts += ["depth packing"]
-    return [*parts, "virtual Kinect"] if source == "synthetic" else parts
+    return [*parts, CAMERA_PARTS[source]] if source in CAMERA_PARTS else parts
 
 
 def run_warm_up(

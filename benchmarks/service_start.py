@@ -1,0 +1,131 @@
+"""From the start of a command to its first pose or picture.
+
+python -m benchmarks service_start RECORDING [--rounds 5] [--case NAME]
+"""
+
+import argparse
+import os
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+
+from benchmarks.harness import option
+from benchmarks.soak import make_kinect
+from tests.ports import free_port
+from tests.simulators.zenoh_router import running_router
+from tests.vo_service.service_process import KINECT_VO
+from vo_service import PoseClient
+
+START_TIMEOUT_S = 300.0
+POLL_PERIOD_S = 0.05
+JPEG = b"\xff\xd8\xff"
+OPTIONS = (
+    option("recording", type=Path, help="folder in TUM format"),
+    option("--rounds", type=int, default=5, help="starts of each case (default: 5)"),
+    option("--case", help="only this case"),
+)
+
+
+@dataclass(frozen=True)
+class Start:
+    """Folder, configuration and recording of a start, and the client of its service."""
+
+    folder: Path
+    config: Path
+    client: PoseClient
+    recording: Path
+
+
+def main(args: argparse.Namespace) -> None:
+    """Time to the first pose of a recording, of a Kinect and of the virtual one, and of the demo.
+
+    "recording" and "virtual Kinect" are from the start of `kinect-vo run` until a client has a
+    pose. "Kinect" is from the stamp of the frame of the first pose until a client has it, with a
+    simulated Kinect. The client is connected to a router before, so that it misses none. "demo" is
+    from the start of `kinect-vo demo` until its Rerun recording has an image; it is written every
+    two seconds, so the page shows the image up to two seconds sooner. Each start has an empty cache
+    folder: kernels are compiled by the setup, but no room is rendered.
+    """
+    for name, measure in CASES.items():
+        if args.case in (None, name):
+            taken_s = sorted(measure_start_s(measure, args.recording) for _ in range(args.rounds))
+            each = ", ".join(f"{seconds:.2f}" for seconds in taken_s)
+            print(f"{name}: {median(taken_s):.2f} s (all: {each})", flush=True)
+
+
+def measure_start_s(measure: Callable[[Start], float], recording: Path) -> float:
+    """Measure one start in an empty folder, with a router of its own."""
+    with tempfile.TemporaryDirectory() as name:
+        folder, router, own = Path(name), *(f"tcp/127.0.0.1:{free_port()}" for _ in range(2))
+        config = folder / "kinect.toml"
+        config.write_text(f'schema = 1\n[zenoh]\nlisten = ["{own}"]\nconnect = ["{router}"]\n')
+        with running_router(router), PoseClient(connect=router) as client:
+            return measure(Start(folder, config, client, recording.absolute()))
+
+
+def first_pose_of_recording_s(start: Start) -> float:
+    """Measure the seconds from the start of the service to the first pose."""
+    return _first_pose_s(start, f"tum:{start.recording}")
+
+
+def first_pose_of_virtual_kinect_s(start: Start) -> float:
+    """As above; the room is rendered first."""
+    return _first_pose_s(start, "synthetic")
+
+
+def _first_pose_s(start: Start, camera: str) -> float:
+    begin_s = time.monotonic()
+    with running_command(start.folder, {}, "run", "--camera", camera, "--config", start.config):
+        next(iter(start.client.poses(timeout_s=START_TIMEOUT_S)))
+        return time.monotonic() - begin_s
+
+
+def first_pose_of_kinect_s(start: Start) -> float:
+    """Measure the seconds from the first frame of a simulated Kinect to its pose."""
+    kinect = make_kinect(start.folder, start.recording)
+    command = "run", "--camera", "freenect", "--config", start.config
+    with kinect, running_command(start.folder, kinect.environment, *command):
+        pose = next(iter(start.client.poses(timeout_s=START_TIMEOUT_S)))
+        return time.time() - pose.stamp_s
+
+
+def first_picture_of_demo_s(start: Start) -> float:
+    """Measure the seconds until the demo's recording has an image."""
+    recording = start.folder / "demo" / "demo.rrd"
+    begin_s = time.monotonic()
+    command = "demo", "--config", start.config, "--output", recording.parent
+    with running_command(start.folder, {}, *command) as process:
+        while not (recording.exists() and JPEG in recording.read_bytes()):
+            if process.poll() is not None or time.monotonic() - begin_s > START_TIMEOUT_S:
+                raise RuntimeError("the demo recorded no image")
+            time.sleep(POLL_PERIOD_S)
+        return time.monotonic() - begin_s
+
+
+@contextmanager
+def running_command(
+    folder: Path, variables: Mapping[str, str], *arguments: object
+) -> Iterator["subprocess.Popen[bytes]"]:
+    """Run a command with its own cache; end it at the end of the block."""
+    caches = {"XDG_CACHE_HOME": folder / "cache", "XDG_STATE_HOME": folder / "state"}
+    environment = os.environ | variables | {name: str(path) for name, path in caches.items()}
+    command = [str(part) for part in (KINECT_VO, *arguments)]
+    devnull = subprocess.DEVNULL
+    with subprocess.Popen(command, env=environment, stdout=devnull, stderr=devnull) as process:
+        try:
+            yield process
+        finally:
+            process.terminate()
+
+
+CASES: Mapping[str, Callable[[Start], float]] = {
+    "recording": first_pose_of_recording_s,
+    "Kinect": first_pose_of_kinect_s,
+    "virtual Kinect": first_pose_of_virtual_kinect_s,
+    "demo": first_picture_of_demo_s,
+}

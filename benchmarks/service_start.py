@@ -4,6 +4,7 @@ python -m benchmarks service_start RECORDING [--rounds 5] [--case NAME]
 """
 
 import argparse
+import json
 import os
 import subprocess
 import tempfile
@@ -17,7 +18,6 @@ from statistics import median
 from benchmarks.harness import option
 from benchmarks.soak import make_kinect
 from tests.ports import free_port
-from tests.simulators.zenoh_router import running_router
 from tests.vo_service.service_process import KINECT_VO
 from vo_service import PoseClient
 
@@ -46,7 +46,7 @@ def main(args: argparse.Namespace) -> None:
 
     "recording" and "virtual Kinect" are from the start of `kinect-vo run` until a client has a
     pose. "Kinect" is from the stamp of the frame of the first pose until a client has it, with a
-    simulated Kinect. The client is connected to a router before, so that it misses none. "demo" is
+    simulated Kinect. The service connects to the client, so that this misses none. "demo" is
     from the start of `kinect-vo demo` until its Rerun recording has an image; it is written every
     two seconds, so the page shows the image up to two seconds sooner. Each start has an empty cache
     folder: kernels are compiled by the setup, but no room is rendered.
@@ -59,12 +59,14 @@ def main(args: argparse.Namespace) -> None:
 
 
 def measure_start_s(measure: Callable[[Start], float], recording: Path) -> float:
-    """Measure one start in an empty folder, with a router of its own."""
+    """Measure one start in an empty folder, with a client that listens."""
     with tempfile.TemporaryDirectory() as name:
-        folder, router, own = Path(name), *(f"tcp/127.0.0.1:{free_port()}" for _ in range(2))
-        config = folder / "kinect.toml"
-        config.write_text(f'schema = 1\n[zenoh]\nlisten = ["{own}"]\nconnect = ["{router}"]\n')
-        with running_router(router), PoseClient(connect=router) as client:
+        folder, endpoints = Path(name), [f"tcp/127.0.0.1:{free_port()}" for _ in range(2)]
+        own, reader = endpoints
+        config, client_config = folder / "kinect.toml", folder / "client.json5"
+        config.write_text(f'schema = 1\n[zenoh]\nlisten = ["{own}"]\nconnect = ["{reader}"]\n')
+        client_config.write_text(json.dumps({"listen": {"endpoints": [reader]}}))
+        with PoseClient(config_file=client_config) as client:
             return measure(Start(folder, config, client, recording.absolute()))
 
 

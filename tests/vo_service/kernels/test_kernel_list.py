@@ -14,8 +14,10 @@ LOAD_ALL = """
 import json
 from scripts.list_kernels import loaded_signatures, part_runs
 from vo_service.cli.command_line import set_library_environment
+from vo_service.kernels.compilation import ensure_compiled
 
 set_library_environment()
+ensure_compiled(list(part_runs()), lambda _progress: None)
 print(json.dumps(loaded_signatures(lambda: [run() for run in part_runs().values()])))
 """
 

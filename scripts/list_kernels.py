@@ -18,7 +18,7 @@ from drivers.synthetic.renderer import warm_up_renderer
 from vo_service.depth_packing import compile_kernels
 from vo_service.kernels.argument_types import to_json
 from vo_service.kernels.kernel_list import KERNEL_FILE
-from vo_service.odometry.registry import METHODS, MethodConfig
+from vo_service.odometry.registry import METHODS, OWN_METHODS, MethodConfig
 from vo_service.odometry.warm_up import run_warm_up_frames
 from vo_service.types.odometry import NullStageTimer
 
@@ -37,7 +37,7 @@ def part_runs() -> dict[str, Callable[[], object]]:
 
     methods = {
         name: partial(run_warm_up_frames, partial(METHODS[name], MethodConfig(), NullStageTimer()))
-        for name in ("direct", "surf", "icp", "sfm")
+        for name in OWN_METHODS
     }
     return methods | {
         "Kinect": load_kernels,

@@ -13,6 +13,8 @@ from drivers.core.jit import interruptible
 from vo_service.config import Config
 from vo_service.kernels.compilation import ensure_compiled
 from vo_service.kernels.loading import load_kernels
+from vo_service.odometry.registry import METHODS, OWN_METHODS
+from vo_service.odometry.warm_up import warm_up
 from vo_service.signals import StopSignal
 from vo_service.terminal import Terminal
 
@@ -32,8 +34,14 @@ def prepare_kernels(config: Config, terminal: Terminal, stop: StopSignal) -> Non
 
 
 def compile_kernels(parts: Sequence[str], terminal: Terminal, stop: StopSignal) -> None:
-    """Compile the kernels of parts if they are not in the cache; otherwise as `prepare_kernels`."""
+    """Compile the kernels of parts if they are not in the cache; otherwise as `prepare_kernels`.
+
+    A method that is a plug-in is run on generated frames, since its kernels are not known.
+    """
     run_warm_up(partial(ensure_compiled, parts), terminal, stop)
+    for part in parts:
+        if part in METHODS and part not in OWN_METHODS:
+            run_warm_up(partial(warm_up, part), terminal, stop)
 
 
 # The part of a camera that has kernels, by its source.

@@ -32,8 +32,9 @@ class MethodConfig:
     timing: str = DEFAULT_TIMING_MODE
 
 
+OWN_METHODS = ("surf", "icp", "sfm", "direct")
 METHODS: PluginGroup[Callable[[MethodConfig, StageTimer], Odometry]] = PluginGroup(
-    "kinect_vo.odometry", "method", ("surf", "icp", "sfm", "direct")
+    "kinect_vo.odometry", "method", OWN_METHODS
 )
 
 

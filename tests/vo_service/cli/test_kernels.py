@@ -50,3 +50,15 @@ def test_kernels_without_disk_space_are_one_line(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(kernels, "ensure_compiled", fill)
     with pytest.raises(UserFacingError, match="cannot be written: No space left on device; free"):
         prepare_kernels(Config(), Terminal(), StopSignal())
+
+
+def test_a_plug_in_is_run_on_generated_frames_before_the_first_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    run: list[str] = []
+    monkeypatch.setattr(kernels, "METHODS", {"direct": None, "mine": None})
+    monkeypatch.setattr(kernels, "warm_up", lambda method, _report: run.append(method))
+    monkeypatch.setattr(kernels, "ensure_compiled", lambda _parts, _report: None)
+    compile_kernels(["direct"], Terminal(), StopSignal())
+    compile_kernels(["mine"], Terminal(), StopSignal())
+    assert run == ["mine"]

@@ -26,3 +26,21 @@ can_install() {
     [ "$(id -u)" = 0 ] || { command -v sudo >/dev/null && sudo -v; } ||
         fail "neither root nor a sudo that lets this user be root; run once as root: $1"
 }
+
+# download_packages ARCHITECTURE FOLDER NAMES: with all dependencies. apt's own state does not change; an empty list of
+# installed packages makes it download everything, for another architecture too. A subshell has its own variables.
+download_packages() (
+    folder=$2 names=$3 apt=$2/apt
+    mkdir -p "$apt/lists/partial" "$apt/archives/partial"
+    : >"$apt/status"
+    set -- -qq -o Dir::State="$apt" -o Dir::State::Lists="$apt/lists" -o Dir::State::status="$apt/status" \
+        -o Dir::Cache="$apt" -o Dir::Cache::Archives="$apt/archives" -o APT::Architecture="$1" \
+        -o APT::Architectures="$1" -o APT::Sandbox::User=root -o APT::Install-Recommends=false
+    # shellcheck disable=SC2086  # a list of names
+    apt-get "$@" update >/dev/null &&
+        apt-get "$@" --yes --download-only install $names >/dev/null &&
+        for deb in "$apt"/archives/*.deb; do
+            mv "$deb" "$folder/$(basename "$deb" | sed s/%3a/./)" || exit # an epoch's colon
+        done &&
+        rm -r "$apt"
+)

@@ -75,23 +75,10 @@ build_own_wheel() {
         done
 }
 
-# Debian's packages with all dependencies, as an archive for the robot's apt-get. apt's own state does not change;
-# an empty list of installed packages makes it download everything, for the other machine too.
+# As an archive for the robot's apt-get.
 download_debian_packages() {
-    apt=$partial/apt debian=$(debian_name "$machine")
-    mkdir -p "$apt/lists/partial" "$apt/archives/partial" "$partial/debian"
-    : >"$apt/status"
-    set -- -qq -o Dir::State="$apt" -o Dir::State::Lists="$apt/lists" -o Dir::State::status="$apt/status" \
-        -o Dir::Cache="$apt" -o Dir::Cache::Archives="$apt/archives" -o APT::Architecture="$debian" \
-        -o APT::Architectures="$debian" -o APT::Sandbox::User=root -o APT::Install-Recommends=false
-    # shellcheck disable=SC2086  # a list of names
-    apt-get "$@" update >/dev/null &&
-        apt-get "$@" --yes --download-only install $native_packages python3 >/dev/null &&
-        for deb in "$apt"/archives/*.deb; do
-            mv "$deb" "$partial/debian/$(basename "$deb" | sed s/%3a/./)" # an epoch's colon
-        done &&
-        (cd "$partial/debian" && for deb in *.deb; do describe "$deb"; done >Packages) &&
-        rm -r "$apt"
+    download_packages "$(debian_name "$machine")" "$partial/debian" "$native_packages python3" &&
+        (cd "$partial/debian" && for deb in *.deb; do describe "$deb"; done >Packages)
 }
 
 debian_name() {

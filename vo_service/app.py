@@ -224,8 +224,8 @@ def open_scans(config: Config, outputs: OutputsConfig) -> AddScan:
 
 def open_recorder(config: Config, wheel_messages: WheelMessageSource = tuple) -> Recorder:
     """Open the flight recorder; a `NullRecorder` if it is disabled or fails."""
-    if not config.recorder.enabled:
-        return NullRecorder("the recorder is switched off (recorder.enabled)")
+    if not config.has_recorder:
+        return NullRecorder("the recorder is switched off (recorder.enabled, odometry.profile)")
     from vo_service.outputs.recorder.client import open_recorder
 
     return open_recorder(config.recorder, asdict(config), wheel_messages)

@@ -31,10 +31,13 @@ from vo_service.config_tables import (
 from vo_service.leveling.leveling import MIN_MOUNT_HEIGHT_M
 from vo_service.odometry.registry import (
     DEFAULT_METHOD,
+    DEFAULT_PROFILE,
     DEFAULT_TIMING_MODE,
     MAX_FEATURES,
     METHODS,
     MIN_FEATURES,
+    PROFILES,
+    SMALL_PROFILE,
     TIMING_MODES,
     make_odometry,
 )
@@ -112,6 +115,11 @@ class OdometryConfig:
         "readout, delay and focal length of the sensor: learned while the method direct runs, or "
         "fixed as the camera file tells",
     ] = DEFAULT_TIMING_MODE
+    profile: Annotated[
+        str,
+        "default, or small for a small board: direct uses half the points, and the flight recorder "
+        "is off unless recorder.enabled is true",
+    ] = DEFAULT_PROFILE
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
@@ -120,6 +128,9 @@ class OdometryConfig:
         if self.timing not in TIMING_MODES:
             hint = suggest_name(self.timing, TIMING_MODES)
             raise FieldError(("timing",), f"{self.timing!r} is unknown; {hint}")
+        if self.profile not in PROFILES:
+            hint = suggest_name(self.profile, PROFILES)
+            raise FieldError(("profile",), f"{self.profile!r} is unknown; {hint}")
 
     def make_odometry(self, timer: StageTimer) -> Odometry:
         """Make the odometry that the table describes."""
@@ -128,6 +139,7 @@ class OdometryConfig:
             feature_count=self.feature_count,
             upright=self.upright,
             timing=self.timing,
+            profile=self.profile,
             timer=timer,
         )
 
@@ -201,6 +213,12 @@ class Config:
                 "a planar base needs the camera's height above the floor, the third number; "
                 "kinect-vo doctor measures it",
             )
+
+    @property
+    def has_recorder(self) -> bool:
+        """Whether the flight recorder runs; if unset, unless the profile is small."""
+        is_enabled = self.recorder.enabled
+        return self.odometry.profile != SMALL_PROFILE if is_enabled is None else is_enabled
 
 
 def _reloadable_keys() -> tuple[str, ...]:

@@ -41,7 +41,11 @@ class RerunConfig:
 class RecorderConfig:
     """`[recorder]`: the flight recorder, which keeps the last seconds of frames."""
 
-    enabled: Annotated[bool, "false disables the flight recorder and recordings"] = True
+    enabled: Annotated[
+        bool | None,
+        "false disables the flight recorder and recordings; unset = unless odometry.profile is "
+        "small",
+    ] = None
     seconds: Annotated[
         float, Field("length of an incident before its cause, s", minimum=0.5, maximum=600.0)
     ] = 3.0

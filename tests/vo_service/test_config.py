@@ -109,6 +109,21 @@ def test_a_camera_mounting_becomes_a_transform(tmp_path: Path) -> None:
     np.testing.assert_array_equal(T, rigid_transform(np.eye(3), [0.1, 0.0, 0.4]))
 
 
+@pytest.mark.parametrize(
+    ("tables", "has_recorder"),
+    [
+        ("", True),
+        ("[recorder]\nenabled = false\n", False),
+        ('[odometry]\nprofile = "small"\n', False),
+        ('[odometry]\nprofile = "small"\n[recorder]\nenabled = true\n', True),
+    ],
+)
+def test_the_small_profile_has_no_flight_recorder_unless_the_file_says_so(
+    tmp_path: Path, tables: str, has_recorder: bool
+) -> None:
+    assert read(tmp_path, f"schema = 1\n{tables}").has_recorder is has_recorder
+
+
 def test_the_default_mounting_looks_straight_ahead_from_the_base() -> None:
     T = read_config(None).T_base_camera.T_base_camera
     np.testing.assert_array_equal(T, rigid_transform(R_BODY_OPTICAL, [0.0, 0.0, 0.0]))
@@ -132,6 +147,7 @@ def test_a_camera_ahead_of_the_base_keeps_the_default_axes(tmp_path: Path) -> No
         ),
         ("odometry", 'method = "orb"', "key `odometry.method`: 'orb' is unknown; known here: surf"),
         ("odometry", 'timing = "learnt"', "key `odometry.timing`: 'learnt' is unknown; did you"),
+        ("odometry", 'profile = "smal"', "key `odometry.profile`: 'smal' is unknown; did you"),
         ("outputs", 'extra = ["file:x"]', "key `outputs.extra`: output 'file:x' is unknown; "),
         ("camera", "stamp_offset_s = 60", "key `camera.stamp_offset_s`: 60 is out of range"),
         ("odometry", "feature_count = 49", "key `odometry.feature_count`: 49 is out of range"),

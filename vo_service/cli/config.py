@@ -93,7 +93,8 @@ def _check_parts(config: Config) -> Iterator[str]:
 
     _check_camera(config.camera)
     _check_rerun(config.rerun)
-    _check_recorder(config.recorder)
+    if config.has_recorder:
+        _check_recorder(config.recorder)
     if config.synthetic.track is not None:
         with _errors_of("synthetic", "track"):
             read_trajectory(config.synthetic.track)
@@ -147,7 +148,7 @@ def _check_rerun(rerun: RerunConfig) -> None:
 
 
 def _check_recorder(recorder: RecorderConfig) -> None:
-    if not recorder.enabled or recorder.folder is None:
+    if recorder.folder is None:
         return
     reason = check_writable(recorder.folder)
     if reason:

@@ -51,7 +51,7 @@ CAMERA_PARTS = {"freenect": "Kinect", "synthetic": "virtual Kinect"}
 def first_parts(config: Config, source: str) -> list[str]:
     """List the parts whose kernels the first pose needs; other processes compile their own."""
     parts = [config.odometry.method]
-    if config.recorder.enabled or config.map.enabled:
+    if config.has_recorder or config.map.enabled:
         parts += ["depth packing"]
     return [*parts, CAMERA_PARTS[source]] if source in CAMERA_PARTS else parts
 

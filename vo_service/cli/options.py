@@ -13,7 +13,7 @@ from drivers.registry import describe_cameras
 from vo_service.cli.request import Argument, CommandRequest, Option, config_option, with_options
 from vo_service.config import Config, read_config
 from vo_service.config_tables import LogConfig, LogLevel, ZenohConfig
-from vo_service.odometry.registry import METHODS, TIMING_MODES
+from vo_service.odometry.registry import METHODS, PROFILES, TIMING_MODES
 
 
 def print_message(text: str) -> None:
@@ -90,6 +90,7 @@ Recording = Annotated[Path, Argument(RECORDING_HELP, metavar="RECORDING")]
 ConfigFile = Annotated[Path | None, Option("configuration file (TOML)", metavar="FILE")]
 Method = Annotated[str | None, config_option("odometry.method", metavar="METHOD", allowed=METHODS)]
 Timing = Annotated[str | None, config_option("odometry.timing", allowed=TIMING_MODES)]
+Profile = Annotated[str | None, config_option("odometry.profile", allowed=PROFILES)]
 # The source is no key of the configuration here: the path of a recording alone is enough.
 CameraSource = Annotated[
     str | None,

@@ -29,6 +29,7 @@ from vo_service.cli.options import (
     McapFile,
     Method,
     NoPublish,
+    Profile,
     Recording,
     RerunTargets,
     Timing,
@@ -94,6 +95,7 @@ class ReplayRequest(CommandRequest):
     config: ConfigFile = None
     method: Method = None
     timing: Timing = None
+    profile: Profile = None
     pace: PlaybackMode = option(
         "lockstep (default) or realtime", PlaybackMode.LOCKSTEP, "PACE", parse_playback_mode
     )

@@ -39,6 +39,7 @@ from vo_service.cli.options import (
     McapFile,
     Method,
     NoPublish,
+    Profile,
     RerunTargets,
     Timing,
     Topics,
@@ -97,6 +98,7 @@ class RunServiceRequest(CommandRequest):
     config: ConfigFile = None
     method: Method = None
     timing: Timing = None
+    profile: Profile = None
     camera: CameraSource = None
     camera_file: CameraFile = None
     topics: Topics = None

@@ -87,7 +87,7 @@ def _used_parts(config: Config) -> list[str]:
     parts = [config.odometry.method, "scan", "grid", "Kinect"]
     if config.map.enabled:
         parts += ["reconstruction", "loop closure"]
-    if config.recorder.enabled or config.map.enabled:
+    if config.has_recorder or config.map.enabled:
         parts += ["depth packing"]
     if config.camera.source == "synthetic":
         parts += ["virtual Kinect"]

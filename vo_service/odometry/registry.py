@@ -15,6 +15,8 @@ DEFAULT_METHOD = "direct"
 MIN_FEATURES, MAX_FEATURES = 50, 5000
 # Whether readout and delay of the sensor are learned while the odometry runs.
 DEFAULT_TIMING_MODE, FIXED_TIMING_MODE = TIMING_MODES = ("learned", "fixed")
+# How much a method computes. Only "direct" has a small profile; the others ignore it.
+DEFAULT_PROFILE, SMALL_PROFILE = PROFILES = ("default", "small")
 
 
 @dataclass(frozen=True)
@@ -25,11 +27,13 @@ class MethodConfig:
         count: SURF features in a frame.
         upright: Whether the camera never rolls.
         timing: One of `TIMING_MODES`.
+        profile: One of `PROFILES`.
     """
 
     count: int = 1000
     upright: bool = False
     timing: str = DEFAULT_TIMING_MODE
+    profile: str = DEFAULT_PROFILE
 
 
 OWN_METHODS = ("surf", "icp", "sfm", "direct")
@@ -44,6 +48,7 @@ def make_odometry(
     feature_count: int = 1000,
     upright: bool = False,
     timing: str = DEFAULT_TIMING_MODE,
+    profile: str = DEFAULT_PROFILE,
     timer: StageTimer = NullStageTimer(),  # noqa: B008 (it has no state)
 ) -> Odometry:
     """Make an odometry, which starts at the first frame that it gets.
@@ -64,11 +69,13 @@ def make_odometry(
         upright: Whether the camera never rolls: faster, and more matches.
         timing: "learned" (only "direct": readout and delay of the sensor and the focal length are
             learned, if the frames do not tell the timing exactly) or "fixed" (as the frames tell).
+        profile: "default", or "small" for a small board (only "direct": half the points, and a
+            pyramid level less).
         timer: Times the stages of each frame.
 
     Raises:
-        InputError: The method or the timing is unknown, or the number of features is out of
-            range.
+        InputError: The method, the timing or the profile is unknown, or the number of features is
+            out of range.
     """
     if method not in METHODS:
         raise InputError(f"method {method!r} is unknown; use one of {', '.join(METHODS)}")
@@ -78,7 +85,9 @@ def make_odometry(
         )
     if timing not in TIMING_MODES:
         raise InputError(f"timing {timing!r} is unknown; use one of {', '.join(TIMING_MODES)}")
-    return METHODS[method](MethodConfig(feature_count, upright, timing), timer)
+    if profile not in PROFILES:
+        raise InputError(f"profile {profile!r} is unknown; use one of {', '.join(PROFILES)}")
+    return METHODS[method](MethodConfig(feature_count, upright, timing, profile), timer)
 
 
 def make_surf(features: MethodConfig, timer: StageTimer) -> Odometry:
@@ -92,10 +101,13 @@ def make_surf(features: MethodConfig, timer: StageTimer) -> Odometry:
 def make_direct(features: MethodConfig, timer: StageTimer) -> Odometry:
     """Brightness and depth against keyframes; SURF features for recovery."""
     from vo_service.odometry.direct.odometry import DirectOdometry
+    from vo_service.odometry.direct.parameters import POINT_BLOCKS_PX, SMALL_POINT_BLOCKS_PX
     from vo_service.odometry.direct.self_calibration import SelfCalibratingOdometry
     from vo_service.odometry.features.extractor import SurfExtractor
 
-    tracker = DirectOdometry(SurfExtractor(features.count, features.upright), timer=timer)
+    extractor = SurfExtractor(features.count, features.upright)
+    point_blocks_px = {DEFAULT_PROFILE: POINT_BLOCKS_PX, SMALL_PROFILE: SMALL_POINT_BLOCKS_PX}
+    tracker = DirectOdometry(extractor, timer, point_blocks_px[features.profile])
     if features.timing == FIXED_TIMING_MODE:
         return tracker
     return SelfCalibratingOdometry(tracker, timer=timer)

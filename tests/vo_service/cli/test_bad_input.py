@@ -290,6 +290,7 @@ def test_an_unwritable_rerun_recording_is_an_error_with_its_cause(
 
 ARGUMENTS = {
     "method": (["replay", "X", "--method", "orb"], "--method: invalid choice: 'orb'"),
+    "profile": (["run", "--profile", "tiny"], "--profile: invalid choice: 'tiny' (choose from"),
     "pace": (
         ["replay", "X", "--pace", "fast"],
         "--pace: fast is not a pace: give lockstep or realtime",

@@ -19,6 +19,7 @@ from vo_service.cli.request import (
     option,
     with_options,
 )
+from vo_service.cli.run import RunServiceRequest
 from vo_service.config import Config
 
 
@@ -61,6 +62,12 @@ def test_an_option_has_the_limits_of_the_key_that_it_sets(
 def test_an_option_sets_its_key_only_if_it_is_given() -> None:
     assert with_options(parse("desk", "--voxel-m", "0.1"), Config()).map.voxel_m == 0.1
     assert with_options(parse("desk"), Config()) == Config()
+
+
+def test_run_with_the_small_profile_has_no_flight_recorder() -> None:
+    config = RunServiceRequest(profile="small").load()
+    assert config.odometry.profile == "small"
+    assert not config.has_recorder
 
 
 @pytest.mark.parametrize(

@@ -20,6 +20,11 @@ def test_a_number_of_features_out_of_range_is_an_error() -> None:
         make_odometry(feature_count=0)
 
 
+def test_an_unknown_profile_is_an_error_with_the_known_ones() -> None:
+    with pytest.raises(InputError, match="profile 'tiny' is unknown; use one of default, small"):
+        make_odometry(profile="tiny")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_the_first_frame_is_the_origin_of_every_method(recording: Path, method: str) -> None:

@@ -27,7 +27,7 @@ from vo_service.odometry.direct.parameters import (
 )
 
 # Brightness in 1/2, 1/4, 1/8 and 1/16 of the frame's size. The whole size gains nothing: a Kinect's
-# colors are interpolated, and its edges are 2 pixels wide.
+# colors are interpolated, and its edges are 2 pixels wide. Kernels take this many levels.
 NUM_LEVELS = len(POINT_BLOCKS_PX)
 # Bounds of the gain of the affine brightness model.
 GAIN_RANGE = (MIN_GAIN, 1.0 / MIN_GAIN)
@@ -121,6 +121,8 @@ class ImagePyramid:
         vignetting: Of the lens, see `VignettingEstimate`.
         brightness_weight: Relative to depth, see `BrightnessWeight`.
         depth_noise: Sigma of the inverse depth of a pixel, 1/m, see `DepthNoise`.
+        point_blocks_px: Size of the blocks that give a point each, by level, at least as many as
+            gray images.
     """
 
     gray: tuple[NDArray[np.uint8], ...]
@@ -131,6 +133,7 @@ class ImagePyramid:
     vignetting: float = 0.0
     brightness_weight: float = BRIGHTNESS_WEIGHT
     depth_noise: float = DEPTH_NOISE_PER_M
+    point_blocks_px: Sequence[int] = POINT_BLOCKS_PX
 
     @cached_property
     def intrinsics(self) -> tuple[Array, ...]:
@@ -179,6 +182,7 @@ def build_image_pyramid(
     vignetting: float = 0.0,
     brightness_weight: float = BRIGHTNESS_WEIGHT,
     depth_noise: float = DEPTH_NOISE_PER_M,
+    point_blocks_px: Sequence[int] = POINT_BLOCKS_PX,
 ) -> ImagePyramid:
     """Build the image pyramid of a frame; see there for the arguments.
 
@@ -187,13 +191,15 @@ def build_image_pyramid(
         vignetting: Of the lens, see `VignettingEstimate`.
         brightness_weight: Relative to depth, see `BrightnessWeight`.
         depth_noise: See `DepthNoise`.
+        point_blocks_px: Block sizes of a keyframe's points, one for each level; at most
+            `NUM_LEVELS`.
     """
     depth_raw = frame.depth_raw.view()
     depth_raw.flags.writeable = (
         False  # one array type to compile: some cameras' arrays are read-only
     )
     return ImagePyramid(
-        gray=_downscale(frame.gray),
+        gray=_downscale(frame.gray, len(point_blocks_px)),
         depth=DepthImage(depth_raw, float(frame.depth_factor)),
         camera=frame.camera,
         shutter=ImageTiming(frame.readout_s, frame.skew_s),
@@ -201,13 +207,14 @@ def build_image_pyramid(
         vignetting=vignetting,
         brightness_weight=brightness_weight,
         depth_noise=depth_noise,
+        point_blocks_px=point_blocks_px,
     )
 
 
-def _downscale(gray: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], ...]:
+def _downscale(gray: NDArray[np.uint8], num_levels: int) -> tuple[NDArray[np.uint8], ...]:
     levels: list[NDArray[np.uint8]] = []
     height, width = gray.shape
-    for _ in range(NUM_LEVELS):
+    for _ in range(num_levels):
         height, width = max(height // 2, 1), max(width // 2, 1)
         if levels and min(height, width) < MIN_IMAGE_PX:
             break

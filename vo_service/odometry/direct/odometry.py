@@ -37,6 +37,7 @@ from vo_service.odometry.direct.parameters import (
     MAX_PREDICTION_S,
     MIN_FIRST_KEYFRAME_POINTS,
     MIN_FRAME_INTERVAL_S,
+    POINT_BLOCKS_PX,
     REINITIALIZATIONS,
 )
 from vo_service.odometry.direct.pose_filter import (
@@ -89,11 +90,16 @@ class DirectOdometry:
     Args:
         extractor: Features for the recovery; a default one if None.
         timer: Times the stages; not timed if None.
+        point_blocks_px: Block sizes of a keyframe's points by level, see `ImagePyramid`.
     """
 
     def __init__(
-        self, extractor: SurfExtractor | None = None, timer: StageTimer | None = None
+        self,
+        extractor: SurfExtractor | None = None,
+        timer: StageTimer | None = None,
+        point_blocks_px: Sequence[int] = POINT_BLOCKS_PX,
     ) -> None:
+        self._point_blocks_px = point_blocks_px
         self._timer = timer or NullStageTimer()
         self._recovery = DirectRecovery(extractor or SurfExtractor())
         self._map = LocalMap()
@@ -155,13 +161,14 @@ class DirectOdometry:
 
         The steps are those of docs/design/direct.md, in the same order.
         """
-        # Pyramid: brightness in three sizes, and inverse depth.
+        # Pyramid: brightness in several sizes, and inverse depth.
         with self._timer.stage("images"):
             images = build_image_pyramid(
                 frame,
                 self.vignetting,
                 self._brightness_weight.value,
                 self._depth_noise.value_per_m,
+                self._point_blocks_px,
             )
         # Between frames that are close, only what moves or occludes hinders the alignment; most
         # features may be on it.

@@ -32,6 +32,8 @@ DEPTH_NOISE_DECAY = 0.8
 # One point per block of this size, by level: the pixel with the steepest brightness. Engel, Koltun
 # and Cremers, "Direct Sparse Odometry" (PAMI 40, 2018), Section 3.2, for one point per block.
 POINT_BLOCKS_PX = (5, 3, 3, 2)
+# The same of the profile `small`, for a small board: half the points, and a level less.
+SMALL_POINT_BLOCKS_PX = (7, 4, 4)
 # Smallest brightness gradient of a point with texture, gray levels per pixel: 3 sigma of the noise.
 MIN_TEXTURE_GRADIENT = 3.0
 # Interpolated brightness has the error of an image shifted by this many pixels.

@@ -35,7 +35,6 @@ from vo_service.odometry.direct.parameters import (
     MIN_TEXTURE_GRADIENT,
     PLANE_RADIUS_PX,
     PLANE_STEP_PX,
-    POINT_BLOCKS_PX,
 )
 
 # Columns of a point: position (x, y, z in m); brightness; its variance by interpolation; gradient
@@ -91,7 +90,7 @@ def select_points(
     """
     return tuple(
         np.asfortranarray(_select_level(level_images, block, motion, is_static))
-        for level_images, block in zip(images.levels, POINT_BLOCKS_PX, strict=False)
+        for level_images, block in zip(images.levels, images.point_blocks_px, strict=False)
     )
 
 

@@ -21,7 +21,7 @@ from tests.vo_service.outputs.recorder.recorder_inputs import (
 )
 from tests.waiting import wait_until
 from vo_service import app
-from vo_service.config import Config
+from vo_service.config import Config, OdometryConfig
 from vo_service.config_tables import RecorderConfig
 from vo_service.outputs.recorder.client import open_recorder
 from vo_service.types.odometry_update import TrackingState
@@ -108,7 +108,14 @@ def test_the_service_continues_without_memory_for_the_recorder(
     )
 
 
-def test_a_disabled_recorder_refuses_with_the_reason() -> None:
-    recorder = app.open_recorder(Config(recorder=RecorderConfig(enabled=False)))
+@pytest.mark.parametrize(
+    "config",
+    [
+        Config(recorder=RecorderConfig(enabled=False)),
+        Config(odometry=OdometryConfig(profile="small")),
+    ],
+)
+def test_a_disabled_recorder_refuses_with_the_reason(config: Config) -> None:
+    recorder = app.open_recorder(config)
     assert recorder.warning == recorder.recording == ""
     assert "recorder.enabled" in command_error(lambda: recorder.start_recording("desk"))

@@ -23,7 +23,7 @@ import numpy as np
 
 from benchmarks.harness import RECORDING, format_table, option
 from benchmarks.outputs import RATE_HZ, WARM_UP_FRAMES, load_frames, send_in_turn
-from benchmarks.service_load import make_update, measure_processor_use
+from benchmarks.service_load import make_update, measure_processor_use, proportional_mb
 from drivers.core import InputError
 from drivers.core.geometry import T_BODY_CAMERA
 from tests.ports import free_port
@@ -183,10 +183,3 @@ def describe(
     p50, p99 = np.percentile(latency_ms, [50, 99])
     milliseconds = [f"{value:.2f}" for value in (p50, p99, latency_ms.max())]
     return [*milliseconds, f"{count - len(inside)} of {count}"]
-
-
-def proportional_mb(process: int) -> float:
-    """Return the proportional set size of a process, MB."""
-    lines = Path(f"/proc/{process}/smaps_rollup").read_text().splitlines()
-    (size_kb,) = [int(line.split()[1]) for line in lines if line.startswith("Pss:")]
-    return size_kb / 1e3

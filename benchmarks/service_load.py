@@ -73,6 +73,13 @@ def _cpu_s(process: int) -> float:
         return 0.0
 
 
+def proportional_mb(process: int) -> float:
+    """Return the proportional set size of a process, MB."""
+    lines = Path(f"/proc/{process}/smaps_rollup").read_text().splitlines()
+    (size_kb,) = [int(line.split()[1]) for line in lines if line.startswith("Pss:")]
+    return size_kb / 1e3
+
+
 @dataclass(frozen=True)
 class PoseArrivals:
     """The received poses, one entry each.

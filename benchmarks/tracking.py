@@ -89,7 +89,10 @@ class TrackedSequence:
 
 
 def track(
-    method: str, frames: Iterable[RgbdFrame], odom_frame: OdomFrame | None = None
+    method: str,
+    frames: Iterable[RgbdFrame],
+    odom_frame: OdomFrame | None = None,
+    config: MethodConfig = MethodConfig(),  # noqa: B008 (frozen)
 ) -> TrackedSequence:
     """Track all frames, with the states that the service would publish.
 
@@ -97,8 +100,9 @@ def track(
         method: The method.
         frames: The frames.
         odom_frame: With the mount and the wheels of the base; None: a camera without a base.
+        config: Settings of the method.
     """
-    odometry = METHODS[method](MethodConfig(), CpuStageTimer())
+    odometry = METHODS[method](config, CpuStageTimer())
     tracker = odom_frame or OdomFrame()
     stamps_s, estimates, states, epochs, variances, cpu_ms = [], [], [], [], [], []
     for bare_frame in frames:

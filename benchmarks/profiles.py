@@ -1,0 +1,243 @@
+"""Profiles of the odometry: cost and accuracy, and the service under the limits of a small board.
+
+    python -m benchmarks profiles recordings FOLDER... [--starts 3]
+    python -m benchmarks profiles board [--percent 40] [--memory-mb 1000] [--seconds 60]
+
+Each FOLDER is a TUM folder. Times are those of the processor.
+"""
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+
+from benchmarks.control_groups import ControlGroup, limit_processes
+from benchmarks.harness import FOLDERS, Table, Variants, option, to_mm
+from benchmarks.service_load import (
+    descendants_of,
+    measure_processor_use,
+    prerender_room,
+    proportional_mb,
+)
+from benchmarks.tracking import Accuracy, evaluate_accuracy, open_frames_with_truth, track
+from drivers.synthetic.config import SyntheticConfig
+from tests.vo_service.service_process import (
+    NO_MAP_CONFIG,
+    START_TIMEOUT_S,
+    ServiceProcess,
+    running_service,
+)
+from vo_service.odometry.registry import DEFAULT_METHOD, PROFILES, MethodConfig
+from vo_service.odometry.warm_up import warm_up
+
+RECORDINGS_TABLE = Table(
+    *(34, "frames:8d", "lost:6.0f", "resets:8.0f", "ATE:8.2f", "RPE 1 s:9.2f"),
+    *("CPU median:12.2f", "mean:8.2f"),
+)
+BOARD_TABLE = Table(
+    *(18, "poses/s:9.2f", "dropped:9d", "service %:11.1f", "workers %:11.1f", "memory MB:11.0f"),
+    *("throttled s:13.2f", "steal %:9.1f"),
+)
+# As in the systemd unit, so that other programs do not matter.
+UNIT_NICE = -5
+WARM_UP_S = 6.0
+# By name: profile and further configuration. Without a map, there is no other process.
+BOARD_CASES = {
+    f"{profile}{suffix}": (profile, config)
+    for suffix, config in (("", ""), (", no map", NO_MAP_CONFIG))
+    for profile in PROFILES
+}
+# The virtual Kinect has 30 frames per second; a second more or less is the measurement's.
+MIN_POSES_PER_S = 29.5
+
+
+@dataclass(frozen=True)
+class ProfileRun:
+    """One run over a recording; times in milliseconds per frame."""
+
+    accuracy: Accuracy
+    median_ms: float
+    mean_ms: float
+
+
+RECORDINGS_OPTIONS = (
+    FOLDERS,
+    option("--starts", type=int, default=3, metavar="N", help="runs of each (default: 3)"),
+)
+
+
+def measure_recordings(args: argparse.Namespace) -> None:
+    """Accuracy and CPU time of the method `direct` on recordings, by profile.
+
+    A row has the medians of N runs, which begin with the first, second ... frame. ATE and RPE are
+    in millimeters; the CPU milliseconds per frame are those of the odometry, without decoding.
+    """
+    warm_up(DEFAULT_METHOD, lambda stage: None)
+    print(RECORDINGS_TABLE.head)
+    for folder in args.folder:
+        for profile in PROFILES:
+            runs = [run_profile(folder, profile, first) for first in range(args.starts)]
+            print(format_runs(f"{folder.name}: {profile}", runs), flush=True)
+
+
+def run_profile(folder: Path, profile: str, first: int) -> ProfileRun:
+    """Track a recording from frame `first` on."""
+    with open_frames_with_truth(folder) as (frames, truth):
+        config = MethodConfig(profile=profile)
+        tracked = track(DEFAULT_METHOD, islice(frames, first, None), config=config)
+    accuracy = evaluate_accuracy(tracked, truth)
+    cpu_ms = tracked.cpu_ms
+    return ProfileRun(accuracy, float(np.median(cpu_ms)), float(np.mean(cpu_ms)))
+
+
+def format_runs(name: str, runs: Sequence[ProfileRun]) -> str:
+    """Format the medians of runs as a row."""
+    accuracies = [run.accuracy for run in runs]
+    ate_m = [each.ate_m for each in accuracies if each.ate_m is not None]
+    rpe_m = [each.rpe_1s_m for each in accuracies if each.rpe_1s_m is not None]
+    return RECORDINGS_TABLE.row(
+        name,
+        accuracies[0].frames,
+        median(each.failed for each in accuracies),
+        median(each.resets for each in accuracies),
+        to_mm(median(ate_m) if ate_m else None),
+        to_mm(median(rpe_m) if rpe_m else None),
+        median(run.median_ms for run in runs),
+        median(run.mean_ms for run in runs),
+    )
+
+
+@dataclass(frozen=True)
+class BoardRun:
+    """One run of the service under limits.
+
+    Attributes:
+        poses_per_s: Frames that the odometry processed.
+        dropped: Frames that it missed.
+        service_percent: Processor time of the main process, percent of one processor.
+        workers_percent: That of its other processes.
+        memory_mb: Proportional set size of all at the end.
+        throttled_s: Time in which processes waited because of the limit.
+        steal_percent: Of the machine's time that its host gave to others.
+    """
+
+    poses_per_s: float
+    dropped: int
+    service_percent: float
+    workers_percent: float
+    memory_mb: float
+    throttled_s: float
+    steal_percent: float
+
+
+BOARD_OPTIONS = (
+    option("--percent", type=float, default=40.0, help="limit of one processor (default: 40)"),
+    option("--memory-mb", type=int, default=1000, metavar="MB", help="limit (default: 1000)"),
+    option("--seconds", type=float, default=60.0, help="duration of a run (default: 60)"),
+    option("--rounds", type=int, default=3, help="runs of each case (default: 3)"),
+)
+
+
+def measure_board(args: argparse.Namespace) -> int:
+    """The service under the limits of a small board, by profile: rate, dropped frames, load.
+
+    `kinect-vo run` on the virtual Kinect at 30 frames per second, with a subscriber outside of the
+    limits. From its start on, all its processes together have a part of one processor and of the
+    memory (a control group; needs root). The rows are medians of the rounds, `dropped` is the sum.
+    The map has a process of its own, whose bursts the limit counts as well. Exit code 1 if the
+    small profile without a map misses a frame or is below 29.5 poses per second.
+    """
+    prerender_room(SyntheticConfig.fast())
+    runs: dict[str, list[BoardRun]] = {case: [] for case in BOARD_CASES}
+    for number in range(args.rounds):
+        for case in BOARD_CASES:
+            print(f"round {number + 1} of {args.rounds}: {case}", file=sys.stderr, flush=True)
+            runs[case].append(run_board(case, args.percent, args.memory_mb, args.seconds))
+    results = {case: combine_runs(each) for case, each in runs.items()}
+    print(BOARD_TABLE.head)
+    for case, result in results.items():
+        print(BOARD_TABLE.row(case, *vars(result).values()))
+    least = results["small, no map"]
+    return int(least.dropped > 0 or least.poses_per_s < MIN_POSES_PER_S)
+
+
+def run_board(case: str, percent: float, memory_mb: int, seconds: float) -> BoardRun:
+    """Start the service of a case under limits, warm up, and measure."""
+    profile, config = BOARD_CASES[case]
+    with (
+        tempfile.TemporaryDirectory() as name,
+        limit_processes(percent, memory_mb) as group,
+        running_service(
+            Path(name) / "service",
+            {},
+            *("--profile", profile),
+            source="synthetic",
+            more_config=config,
+            popen=_popen_in(group),
+        ) as service,
+    ):
+        service.wait_until_streaming(time.monotonic(), START_TIMEOUT_S)
+        time.sleep(WARM_UP_S)
+        return _measure_board(service, group, seconds)
+
+
+def _popen_in(group: ControlGroup) -> "type[subprocess.Popen[bytes]]":
+    """Make a `Popen` whose process has limits before it starts its program."""
+
+    def enter() -> None:
+        group.add([os.getpid()])
+        os.nice(UNIT_NICE)
+
+    class LimitedPopen(subprocess.Popen[bytes]):
+        def __init__(self, command: Sequence[str], **settings: Any) -> None:
+            super().__init__(command, preexec_fn=enter, **settings)
+
+    return LimitedPopen
+
+
+def _measure_board(service: ServiceProcess, group: ControlGroup, seconds: float) -> BoardRun:
+    main = service.process.pid
+    workers = descendants_of(main)
+    before, used_before = service.status, measure_processor_use(main, *workers)
+    begin_s, throttled_s = time.monotonic(), group.throttled_s
+    time.sleep(seconds)
+    used = measure_processor_use(main, *workers).since(used_before)
+    after, elapsed_s = service.status, time.monotonic() - begin_s
+    return BoardRun(
+        poses_per_s=(after["tracking"]["frames"] - before["tracking"]["frames"]) / elapsed_s,
+        dropped=after["camera"]["dropped"] - before["camera"]["dropped"],
+        service_percent=100.0 * used.by_process[main] / elapsed_s,
+        workers_percent=100.0 * sum(used.by_process[each] for each in workers) / elapsed_s,
+        memory_mb=sum(map(proportional_mb, [main, *workers])),
+        throttled_s=group.throttled_s - throttled_s,
+        steal_percent=used.steal_percent,
+    )
+
+
+def combine_runs(runs: Sequence[BoardRun]) -> BoardRun:
+    """Combine runs: medians, the sum of the dropped frames, and the worst steal."""
+    return BoardRun(
+        poses_per_s=median(each.poses_per_s for each in runs),
+        dropped=sum(each.dropped for each in runs),
+        service_percent=median(each.service_percent for each in runs),
+        workers_percent=median(each.workers_percent for each in runs),
+        memory_mb=median(each.memory_mb for each in runs),
+        throttled_s=median(each.throttled_s for each in runs),
+        steal_percent=max(each.steal_percent for each in runs),
+    )
+
+
+VARIANTS: Variants = {
+    "recordings": (RECORDINGS_OPTIONS, measure_recordings),
+    "board": (BOARD_OPTIONS, measure_board),
+}

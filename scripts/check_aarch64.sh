@@ -7,8 +7,8 @@
 #
 # Usage: scripts/check_aarch64.sh [METHOD...]    odometry methods: direct, surf, icp, sfm (default: direct)
 #
-# Most of its time goes into compiling the kernels. Emulation is many times slower than a processor: neither that
-# time nor those of the frames say anything about a real board.
+# Most of its time, for direct a quarter of an hour of a processor, goes into compiling the kernels. Emulation is many
+# times slower than a board: neither that time nor those of the frames say anything about one.
 set -eu
 checkout=$(cd "$(dirname "$0")/.." && pwd)
 . "$checkout/scripts/steps.sh"

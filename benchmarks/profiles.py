@@ -208,14 +208,15 @@ def _popen_in(group: ControlGroup) -> "type[subprocess.Popen[bytes]]":
 def _measure_board(service: ServiceProcess, group: ControlGroup, seconds: float) -> BoardRun:
     main = service.process.pid
     workers = descendants_of(main)
-    before, used_before = service.status, measure_processor_use(main, *workers)
+    before, used_before = service.received.statuses[-1], measure_processor_use(main, *workers)
     begin_s, throttled_s = time.monotonic(), group.throttled_s
     time.sleep(seconds)
     used = measure_processor_use(main, *workers).since(used_before)
-    after, elapsed_s = service.status, time.monotonic() - begin_s
+    after, elapsed_s = service.received.statuses[-1], time.monotonic() - begin_s
+    frames = after.content["tracking"]["frames"] - before.content["tracking"]["frames"]
     return BoardRun(
-        poses_per_s=(after["tracking"]["frames"] - before["tracking"]["frames"]) / elapsed_s,
-        dropped=after["camera"]["dropped"] - before["camera"]["dropped"],
+        poses_per_s=frames / (after.receive_time_s - before.receive_time_s),
+        dropped=after.content["camera"]["dropped"] - before.content["camera"]["dropped"],
         service_percent=100.0 * used.by_process[main] / elapsed_s,
         workers_percent=100.0 * sum(used.by_process[each] for each in workers) / elapsed_s,
         memory_mb=sum(map(proportional_mb, [main, *workers])),

@@ -219,7 +219,7 @@ def _measure_board(service: ServiceProcess, group: ControlGroup, seconds: float)
         dropped=after.content["camera"]["dropped"] - before.content["camera"]["dropped"],
         service_percent=100.0 * used.by_process[main] / elapsed_s,
         workers_percent=100.0 * sum(used.by_process[each] for each in workers) / elapsed_s,
-        memory_mb=sum(map(proportional_mb, [main, *workers])),
+        memory_mb=sum(map(proportional_mb, [main, *descendants_of(main)])),
         throttled_s=group.throttled_s - throttled_s,
         steal_percent=used.steal_percent,
     )

@@ -29,6 +29,7 @@ SLOT_BYTES = 64 * 2**20
 # In front of a slot: width and height of its images, and the length of the pickled other fields.
 _HEADER = Struct("=3Q")
 _ALIGNMENT_BYTES = 64
+_ImageAndPlace = tuple[NDArray[Any], NDArray[Any]]
 
 
 class FrameSlots:
@@ -68,10 +69,18 @@ class FrameSlots:
                 f"frames of {width}x{height} are too large for the shared memory; "
                 "choose a smaller mode of the camera"
             )
-        color, depth = self.images(slot, width, height)
-        _copy_unless_there(frame.color_bgr, color)
-        _copy_unless_there(frame.depth_raw, depth)
         begin = slot * SLOT_BYTES
+        in_slot = np.frombuffer(self._memory, np.uint8, SLOT_BYTES, begin)
+        color, depth = self.images(slot, width, height)
+        images: list[_ImageAndPlace] = [(frame.color_bgr, color), (frame.depth_raw, depth)]
+        moved = [
+            # One made in the slot for another size would be overwritten by the other one.
+            (image.copy() if np.may_share_memory(image, in_slot) else image, place)
+            for image, place in images
+            if not _is_at(image, place)
+        ]
+        for image, place in moved:
+            np.copyto(place, image)
         _HEADER.pack_into(self._memory, begin, width, height, len(pickled))
         self._memory[begin + fields_at : begin + fields_at + len(pickled)] = pickled
 
@@ -95,9 +104,8 @@ class FrameSlots:
 _FIELDS = [each.name for each in fields(RgbdFrame) if each.name not in ("color_bgr", "depth_raw")]
 
 
-def _copy_unless_there(image: NDArray[Any], place: NDArray[Any]) -> None:
-    if not np.may_share_memory(image, place):
-        np.copyto(place, image)
+def _is_at(image: NDArray[Any], place: NDArray[Any]) -> bool:
+    return image.ctypes.data == place.ctypes.data and image.strides == place.strides
 
 
 def _depth_offset(width: int, height: int) -> int:

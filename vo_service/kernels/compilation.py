@@ -14,7 +14,9 @@ from drivers.core.memory import available_memory_bytes
 from vo_service.kernels.compiler_process import CompilerProcess
 from vo_service.kernels.kernel_list import Signature, read_kernel_list
 
+# The largest resident set of a process that compiles `direct`.
 PROCESS_BYTES = 350e6
+# How often the progress is reported, and a stop request seen.
 POLL_S = 0.1
 
 

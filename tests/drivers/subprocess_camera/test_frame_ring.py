@@ -103,6 +103,19 @@ def test_images_may_be_made_in_the_slot(replaced: bool) -> None:
         assert take(reader) == 5
 
 
+@pytest.mark.parametrize("rows", [1, 100])
+def test_images_that_were_made_in_the_slot_for_another_size_arrive_too(rows: int) -> None:
+    frame = make_pattern_frame(5, 5.0)
+    width, height = frame.camera.width, frame.camera.height
+    with ring(PlaybackMode.REALTIME) as (reader, writer):
+        assert writer.acquire(0.0)
+        color_bgr, depth_raw = writer.make_images(width, height + rows)
+        color_bgr, depth_raw = color_bgr[rows:], depth_raw[:height]
+        color_bgr[:], depth_raw[:] = frame.color_bgr, frame.depth_raw
+        writer.put(replace(frame, color_bgr=color_bgr, depth_raw=depth_raw))
+        assert take(reader) == 5
+
+
 def test_images_for_which_there_is_no_slot_are_new_arrays() -> None:
     with ring(PlaybackMode.REALTIME) as (_, writer):
         new = writer.make_images(4, 3)

@@ -1,4 +1,4 @@
-"""Resolution of the key files in a Zenoh configuration."""
+"""Key files of a Zenoh configuration, and what it leaves to our defaults."""
 
 import json
 from pathlib import Path
@@ -110,3 +110,14 @@ LOCAL = Path(__file__).parents[4] / "config" / "zenoh" / "local.json5"
 def test_the_local_file_changes_nothing() -> None:
     with_file = build_zenoh_config(ZenohConfig(config_file=LOCAL))
     assert json.loads(str(with_file)) == json.loads(str(build_zenoh_config(ZenohConfig())))
+
+
+def test_a_client_sees_a_service_within_a_second_of_its_start_unless_the_file_says_otherwise(
+    tmp_path: Path,
+) -> None:
+    retry = json.loads(build_zenoh_config(ZenohConfig()).get_json("connect/retry"))
+    assert retry["period_init_ms"] < retry["period_max_ms"] <= 1000
+    file = tmp_path / "robot.json5"
+    file.write_text("{connect: {retry: {period_max_ms: 8000}}}")
+    theirs = build_zenoh_config(ZenohConfig(config_file=file)).get_json("connect/retry")
+    assert json.loads(theirs)["period_max_ms"] == 8000

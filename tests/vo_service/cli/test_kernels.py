@@ -9,7 +9,7 @@ import pytest
 
 from drivers.core import UserFacingError
 from vo_service.cli import kernels
-from vo_service.cli.kernels import compile_kernels, prepare_kernels, run_warm_up
+from vo_service.cli.kernels import compile_kernels, first_parts, prepare_kernels, run_warm_up
 from vo_service.config import Config
 from vo_service.signals import StopSignal, stop_on_signals
 from vo_service.terminal import Terminal
@@ -62,3 +62,10 @@ def test_a_plug_in_is_run_on_generated_frames_before_the_first_one(
     compile_kernels(["direct"], Terminal(), StopSignal())
     compile_kernels(["mine"], Terminal(), StopSignal())
     assert run == ["mine"]
+
+
+@pytest.mark.parametrize(
+    ("source", "part"), [("freenect", ["Kinect"]), ("synthetic", ["virtual Kinect"]), ("tum:x", [])]
+)
+def test_the_first_pose_needs_the_kernels_of_its_camera(source: str, part: list[str]) -> None:
+    assert first_parts(Config(), source) == ["direct", "depth packing", *part]

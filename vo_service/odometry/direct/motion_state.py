@@ -16,6 +16,7 @@ from vo_service.odometry.direct.motion import (
     invert,
     se3_adjoint,
     se3_exp,
+    se3_log,
 )
 from vo_service.odometry.direct.parameters import (
     MAX_EXTRAPOLATION_S,
@@ -127,6 +128,14 @@ class MotionState:
             return self.T_world_camera @ self.told_motion.T_last_camera
         moved: Array = se3_exp((stamp_s - self.stamp_s) * self.velocity)
         return np.asarray(self.T_world_camera @ moved, np.float64)
+
+    def predict_velocity(self, stamp_s: float) -> Array:
+        """(6,) velocity of the camera that leads to the predicted pose, in its own axes."""
+        if self.told_motion is None:
+            return self.velocity
+        elapsed_s = max(stamp_s - self.stamp_s, MIN_FRAME_INTERVAL_S)
+        velocity: Array = se3_log(np.ascontiguousarray(self.told_motion.T_last_camera)) / elapsed_s
+        return velocity
 
     def motion_prior(self, T_world_keyframe: Array, stamp_s: float) -> MotionPrior:
         """Prior of the motion at a stamp: the velocity changes no more than it did recently.

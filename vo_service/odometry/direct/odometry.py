@@ -36,7 +36,6 @@ from vo_service.odometry.direct.parameters import (
     MAX_LOST_S,
     MAX_PREDICTION_S,
     MIN_FIRST_KEYFRAME_POINTS,
-    MIN_FRAME_INTERVAL_S,
     POINT_BLOCKS_PX,
     REINITIALIZATIONS,
 )
@@ -333,8 +332,7 @@ class DirectOdometry:
         assert told is not None
         T_world_camera = last.predict_pose(images.stamp_s)
         covariance = invert_cholesky(information_of_prediction(last, images.stamp_s))
-        elapsed_s = max(images.stamp_s - last.stamp_s, MIN_FRAME_INTERVAL_S)
-        velocity = se3_log(np.ascontiguousarray(told.T_last_camera)) / elapsed_s
+        velocity = last.predict_velocity(images.stamp_s)
         motion_state = last.advance(
             T_world_camera,
             velocity,

@@ -61,16 +61,18 @@ def fuse_with_prediction(
         the last well constrained frame.
     """
     is_degenerate = bool(uncertainty.rejection_reason)
-    told = motion_state.told_motion
+    # The measured pose of a good view takes account of what wheels tell: it is not counted again.
+    predicting = motion_state if is_degenerate else replace(motion_state, pose_prior=None)
+    told = predicting.told_motion
     extrapolated = step = NO_INFORMATION
     if is_degenerate:
         extrapolated = step = information_of_prediction(motion_state, stamp_s)
-    if is_degenerate and told is not None:
+    if told is not None:
         # The drift of wheels makes the pose less certain, but not their motion since the last one.
         step = told.information
     T_world_camera, velocity, covariance, normalized_innovation = _fuse(
         (result.T_world_camera, result.alignment.camera_velocity),
-        (motion_state.predict_pose(stamp_s), motion_state.velocity),
+        (predicting.predict_pose(stamp_s), predicting.predict_velocity(stamp_s)),
         uncertainty.covariance,
         uncertainty.degeneracy.suppress_noise(uncertainty.is_constrained),
         result.alignment.T_camera_keyframe,

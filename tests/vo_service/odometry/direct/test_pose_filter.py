@@ -6,6 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from drivers.camera import PosePrior
 from drivers.core.geometry import Array, adjoint, inverse, is_rigid
 from tests.vo_service.odometry.direct.rolling_shutter_views import BRISK, series_exponential
 from tests.vo_service.odometry.direct.tracking_results import MOTION, STAMP_S, make_result
@@ -23,6 +24,7 @@ OPEN = np.array([True, False, False, True, False, False])
 SURE = 1e-6
 # No information is noise.
 CLEAR = np.full(6, 1e12)
+TOLD = PosePrior(series_exponential(0.5 * OFF), 1e6 * np.eye(6), np.zeros((6, 6)), "wheel odometry")
 STEADY = replace(MOTION, velocity_noise=np.zeros(2))
 # Sigma of the prediction at the stamp.
 STRAYED = np.repeat((STAMP_S - MOTION.well_constrained_stamp_s) * np.array(VELOCITY_SIGMA), 3)
@@ -91,6 +93,23 @@ def test_noise_hardly_moves_a_calm_camera() -> None:
     np.testing.assert_allclose(moved[:3, 3], OFF[:3] / 11.0, atol=1e-4)
     change = calm.alignment.camera_velocity - BRISK.velocity
     np.testing.assert_allclose(change, FASTER / 121.0, atol=1e-6)
+
+
+def test_what_wheels_tell_is_counted_once_in_a_good_view() -> None:
+    without, _ = fuse(np.full(6, 0.05))
+    told, _ = fuse(np.full(6, 0.05), way=replace(MOTION, pose_prior=TOLD))
+    np.testing.assert_array_equal(told.T_world_camera, without.T_world_camera)
+    np.testing.assert_array_equal(told.alignment.motion, without.alignment.motion)
+
+
+def test_a_degenerate_view_goes_on_with_pose_and_velocity_of_the_wheels() -> None:
+    blind = np.full(6, 1e3), np.ones(6)
+    found, _ = fuse(*blind, way=replace(STEADY, pose_prior=TOLD))
+    assert found.degradation == "degenerate view: wheel odometry"
+    expected = STEADY.T_world_camera @ TOLD.T_last_camera
+    np.testing.assert_allclose(found.T_world_camera, expected, atol=1e-5)
+    velocity = 0.5 * OFF / (STAMP_S - STEADY.stamp_s)
+    np.testing.assert_allclose(found.alignment.camera_velocity, velocity, atol=1e-4)
 
 
 def test_a_motion_beyond_the_noise_is_followed_at_once() -> None:

@@ -1,11 +1,12 @@
 """Tracking of a base by camera, floor and wheels: before bare walls, with slip, with late stamps.
 
-python -m benchmarks base FOLDER [--scenes wall wall-drive]
+python -m benchmarks base FOLDER [--scenes wall wall-drive] [--recordings RECORDING...]
 """
 
 import argparse
 import os
 from dataclasses import dataclass, replace
+from itertools import islice, product
 from pathlib import Path
 from typing import Any
 
@@ -40,8 +41,9 @@ MAX_SIGMAS = 3.0
 SLIP_PERIOD_S, SLIP_S = 5.0, 0.5
 TRANSLATION_SCALE, ROTATION_SCALE = 1.02, 1.03
 WHEEL_PERIOD_S = 0.02
+FIRST_FRAMES = (0, 1, 2)
 TABLE = Table(
-    *(28, "frames:8d", "degraded:10d", "lost:6d", "epochs:8d", "ATE:8.1f", "largest:9.1f"),
+    *(46, "frames:8d", "degraded:10d", "lost:6d", "epochs:8d", "ATE:8.1f", "largest:9.1f"),
     *("beyond 3 sigmas:17d", "CPU ms:8.2f"),
 )
 
@@ -165,12 +167,16 @@ class SimulatedWheels(NullWheelOdometry):
 
 OPTIONS = (
     option("folder", type=Path, help="folder of the sequences"),
-    option("--scenes", nargs="+", choices=SCENES, default=list(SCENES)),
+    option("--scenes", nargs="*", choices=SCENES, default=list(SCENES)),
+    option("--recordings", nargs="*", type=Path, default=(), help="TUM folders with good views"),
 )
 
 
 def main(args: argparse.Namespace) -> None:
     """Track the scenes with what is known of the base: a table with one row for each.
+
+    Recordings are tracked from several first frames, without and with the odometry of a base that
+    moves in all directions.
 
     "beyond 3 sigmas" counts the frames with a pose whose error exceeds three of its standard
     deviations, in position. FOLDER stores the sequences, which are rendered the first time. ATE and
@@ -188,13 +194,20 @@ def main(args: argparse.Namespace) -> None:
                 track_variant(f"{name}: {label}", args.folder / name, SCENES[name], variant),
                 flush=True,
             )
+    for recording, first in product(args.recordings, FIRST_FRAMES):
+        for label, variant in HAND_HELD.items():
+            row = f"{recording.name}, from {first}: {label}"
+            print(track_variant(row, recording, T_BODY_CAMERA, variant, first), flush=True)
 
 
-def track_variant(label: str, folder: Path, T_base_camera: Array, variant: Variant) -> str:
-    """Track a scene; return a line of the table."""
-    with open_frames_with_truth(folder) as (frames, truth):
+def track_variant(
+    label: str, folder: Path, T_base_camera: Array, variant: Variant, first: int = 0
+) -> str:
+    """Track a sequence from its frame `first` on; return a line of the table."""
+    with open_frames_with_truth(folder) as (all_frames, truth):
         wheels = make_wheels(TrueMotion(truth, T_base_camera), T_base_camera, variant)
         odom_frame = OdomFrame(T_base_camera, variant.is_planar, wheels)
+        frames = islice(all_frames, first, None)
         tracked = track(
             "direct", (replace(frame, gravity_m_s2=None) for frame in frames), odom_frame
         )

@@ -141,13 +141,16 @@ def points_in_base(frame: RgbdFrame, T_base_camera: Array) -> Array:
     return in_base
 
 
-def true_ranges(points: Array, angles: ScanAngles, min_m: Array, top_m: float) -> Array:
-    """Range of the nearest obstacle by direction; NaN = none, or nearer than can be told.
+def true_ranges(
+    points: Array, angles: ScanAngles, min_m: Array, top_m: float, least_m: float
+) -> Array:
+    """Range of the nearest obstacle by direction; NaN = none, or nearer than `least_m`.
 
     Args:
         points: (N, 3) in the base, x as the camera looks.
         min_m: (N,) least height of an obstacle at each of them.
         top_m: Largest height.
+        least_m: Least range that can be told.
     """
     ranges = np.hypot(points[:, 0], points[:, 1])
     directions = np.arctan2(points[:, 1], points[:, 0])
@@ -156,7 +159,7 @@ def true_ranges(points: Array, angles: ScanAngles, min_m: Array, top_m: float) -
     nearest = np.full(angles.bins, np.nan)
     for number in range(angles.bins):
         inside = np.sort(ranges[is_obstacle & (bins == number)])
-        if len(inside) >= TRUE_PIXELS and inside[TRUE_PIXELS - 1] >= ScanConfig().range_min_m:
+        if len(inside) >= TRUE_PIXELS and inside[TRUE_PIXELS - 1] >= least_m:
             nearest[number] = inside[TRUE_PIXELS - 1]
     return nearest
 
@@ -191,13 +194,15 @@ def scan(args: argparse.Namespace) -> None:
             points = points_in_base(pair.exact, T_base_camera)
             along_m = np.hypot(points[:, 0], points[:, 1])
             rising = config.min_height_m + np.tan(np.radians(1.0)) * along_m
-            truth = true_ranges(points, angles, rising, height_m + 0.15)
+            truth = true_ranges(points, angles, rising, height_m + 0.15, config.range_min_m)
             is_told = np.isfinite(ranges) & np.isfinite(truth)
             errors.extend(np.abs(ranges - truth)[is_told])
             R_tilt = so3_exp([0.0, np.radians(-2.0), 0.0])
             tilted = rigid_transform(R_tilt @ T_base_camera[:3, :3], T_base_camera[:3, 3])
             leaked = scanner.scan(pair.measured, tilted)[1]
-            surface = true_ranges(points, angles, np.full(len(points), FLOOR_M), height_m + 0.3)
+            # The tilt may move what is too near to be told beyond the least range.
+            floor = np.full(len(points), FLOOR_M)
+            surface = true_ranges(points, angles, floor, height_m + 0.3, 0.0)
             counts += np.array(
                 [
                     angles.bins,

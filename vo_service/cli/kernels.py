@@ -53,6 +53,8 @@ def first_parts(config: Config, source: str) -> list[str]:
     parts = [config.odometry.method]
     if config.has_recorder or config.map.enabled:
         parts += ["depth packing"]
+    if config.scan.enabled:
+        parts += ["scan"]
     return [*parts, CAMERA_PARTS[source]] if source in CAMERA_PARTS else parts
 
 

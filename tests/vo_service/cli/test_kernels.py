@@ -11,6 +11,7 @@ from drivers.core import UserFacingError
 from vo_service.cli import kernels
 from vo_service.cli.kernels import compile_kernels, first_parts, prepare_kernels, run_warm_up
 from vo_service.config import Config
+from vo_service.config_tables import ScanConfig
 from vo_service.signals import StopSignal, stop_on_signals
 from vo_service.terminal import Terminal
 
@@ -69,3 +70,8 @@ def test_a_plug_in_is_run_on_generated_frames_before_the_first_one(
 )
 def test_the_first_pose_needs_the_kernels_of_its_camera(source: str, part: list[str]) -> None:
     assert first_parts(Config(), source) == ["direct", "depth packing", *part]
+
+
+def test_a_scan_of_each_frame_has_its_kernels_compiled_with_progress() -> None:
+    config = Config(scan=ScanConfig(enabled=True))
+    assert first_parts(config, "tum:x") == ["direct", "depth packing", "scan"]

@@ -4,7 +4,6 @@ python -m benchmarks base FOLDER [--scenes wall wall-drive] [--recordings RECORD
 """
 
 import argparse
-import os
 from dataclasses import dataclass, replace
 from itertools import islice, product
 from pathlib import Path
@@ -15,7 +14,7 @@ import numpy as np
 from benchmarks.hard_cases import read_scene
 from benchmarks.harness import Table, option, to_mm
 from benchmarks.rendered_sequences import render_all
-from benchmarks.tracking import TrackedSequence, evaluate_trajectory, open_frames_with_truth, track
+from benchmarks.tracking import evaluate_accuracy, open_frames_with_truth, track
 from drivers.core.geometry import (
     R_BODY_OPTICAL,
     T_BODY_CAMERA,
@@ -29,7 +28,6 @@ from drivers.core.geometry import (
 from vo_service.config_tables import WheelOdometryConfig
 from vo_service.odom_frame import OdomFrame
 from vo_service.odometry.warm_up import warm_up
-from vo_service.types.odometry_update import TrackingState
 from vo_service.wheel_odometry.planar_pose import PlanarPose, planar_part
 from vo_service.wheel_odometry.wheel_odometry import NullWheelOdometry, WheelMotion, WheelOdometry
 from vo_service.wheel_odometry.wheel_reading import WheelReading, encode_wheel_reading
@@ -37,7 +35,6 @@ from vo_service.wheel_odometry.wheel_reading import WheelReading, encode_wheel_r
 # The camera of the scene wall-drive is level, at this height.
 ROBOT_MOUNT = rigid_transform(R_BODY_OPTICAL, (0.0, 0.0, 1.3))
 SCENES = {"wall": T_BODY_CAMERA, "wall-drive": ROBOT_MOUNT}
-MAX_SIGMAS = 3.0
 SLIP_PERIOD_S, SLIP_S = 5.0, 0.5
 TRANSLATION_SCALE, ROTATION_SCALE = 1.02, 1.03
 WHEEL_PERIOD_S = 0.02
@@ -182,16 +179,13 @@ def main(args: argparse.Namespace) -> None:
     deviations, in position. FOLDER stores the sequences, which are rendered the first time. ATE and
     largest error are in millimeters.
     """
-    args.folder.mkdir(parents=True, exist_ok=True)
-    render_all(
-        {args.folder / name: read_scene(name) for name in args.scenes}, print, os.cpu_count() or 1
-    )
+    folders = render_all(args.folder, {name: read_scene(name) for name in args.scenes})
     warm_up("direct", lambda stage: None)
     print(TABLE.head)
     for name in args.scenes:
         for label, variant in (HAND_HELD if name == "wall" else ROBOT).items():
             print(
-                track_variant(f"{name}: {label}", args.folder / name, SCENES[name], variant),
+                track_variant(f"{name}: {label}", folders[name], SCENES[name], variant),
                 flush=True,
             )
     for recording, first in product(args.recordings, FIRST_FRAMES):
@@ -211,17 +205,11 @@ def track_variant(
         tracked = track(
             "direct", (replace(frame, gravity_m_s2=None) for frame in frames), odom_frame
         )
-    evaluation = evaluate_trajectory(tracked.estimates, tracked.stamps_s, truth)
+    each = evaluate_accuracy(tracked, truth)
     return TABLE.row(
         label,
-        len(tracked.stamps_s),
-        tracked.states.count(TrackingState.DEGRADED),
-        tracked.states.count(TrackingState.LOST),
-        tracked.resets,
-        to_mm(None if evaluation is None else evaluation.ate_rmse_m),
-        to_mm(None if evaluation is None else evaluation.ate_max_m),
-        count_overconfident(tracked, truth),
-        float(np.median(tracked.cpu_ms)),
+        *(each.frames, each.degraded, each.lost, each.resets),
+        *(to_mm(each.ate_m), to_mm(each.max_error_m), each.overconfident, each.median_ms),
     )
 
 
@@ -233,25 +221,3 @@ def make_wheels(
         return None
     is_hand_held = T_base_camera is T_BODY_CAMERA
     return HandOdometry(motion) if is_hand_held else SimulatedWheels(motion, variant)
-
-
-def count_overconfident(tracked: TrackedSequence, truth: Trajectory) -> int:
-    """Count frames with a pose whose position is off by more than three standard deviations.
-
-    The error is that of the motion since the first frame of the epoch.
-    """
-    at_stamp = {
-        round(stamp_s, 6): T
-        for stamp_s, T in zip(truth.stamps_s, truth.T_world_camera, strict=True)
-    }
-    count, epoch, T_start, T_start_true = 0, -1, np.eye(4), np.eye(4)
-    for n, estimate in enumerate(tracked.estimates):
-        T_true = at_stamp.get(round(float(tracked.stamps_s[n]), 6))
-        if not estimate.ok or T_true is None:
-            continue
-        if tracked.epochs[n] != epoch:
-            epoch, T_start, T_start_true = tracked.epochs[n], estimate.T_world_camera, T_true
-        moved = inverse(T_start) @ estimate.T_world_camera
-        error = inverse(inverse(T_start_true) @ T_true) @ moved
-        count += bool(np.linalg.norm(error[:3, 3]) > MAX_SIGMAS * tracked.position_sigmas_m[n])
-    return count

@@ -12,7 +12,6 @@ contains the truth.
 """
 
 import argparse
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -151,10 +150,8 @@ def _folders(args: argparse.Namespace) -> list[Path]:
         if not args.folder:
             raise InputError("nothing to measure: name a folder, or --rooms FOLDER")
         return list(args.folder)
-    wanted = {args.rooms / name: config for name, config in make_configs(args.seeds).items()}
-    args.rooms.mkdir(parents=True, exist_ok=True)
-    render_all(wanted, lambda line: print(line, file=sys.stderr, flush=True), args.processes)
-    return [*args.folder, *wanted]
+    rooms = render_all(args.rooms, make_configs(args.seeds), args.processes)
+    return [*args.folder, *rooms.values()]
 
 
 def _format_row(name: str, squares: NormalizedErrors) -> str:

@@ -205,6 +205,10 @@ class FeatureSet:
     def __len__(self) -> int:
         return len(self.position_px)
 
+    def select(self, chosen: NDArray[np.bool_]) -> "FeatureSet":
+        """The features of a mask (N,)."""
+        return FeatureSet(self.position_px[chosen], self.scale_px[chosen], self.descriptor[chosen])
+
 
 FeatureMethod = Callable[[Gray], FeatureSet]
 
@@ -245,7 +249,7 @@ def make_all_methods() -> dict[str, FeatureMethod]:
     }
 
 
-def _match(original: FeatureSet, changed: FeatureSet, ratio: float) -> NDArray[np.int64]:
+def match(original: FeatureSet, changed: FeatureSet, ratio: float) -> NDArray[np.int64]:
     """Match descriptors by brute force and the ratio test (Lowe 2004, Section 7.1).
 
     Returns:
@@ -299,7 +303,7 @@ def score_features(
         back_px[is_of_original],
         back_scale[is_of_original],
     )
-    pairs = _match(original, changed, MATCH_RATIO)
+    pairs = match(original, changed, MATCH_RATIO)
     away_px = original.position_px[pairs[:, 0]] - back_px[pairs[:, 1]]
     errors_px = np.asarray(np.linalg.norm(away_px, axis=1), np.float64)
     return FeatureScore(

@@ -10,38 +10,34 @@ decoded it. CPU is percent of one core. Exit code 1 if a pose is lost.
 """
 
 import argparse
-import json
-import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import zenoh
 
+from benchmarks.frame_sender import make_update
 from benchmarks.harness import Table, option
-from benchmarks.service_load import make_update, measure_processor_use
+from benchmarks.piped_process import print_ready, running_process
+from benchmarks.processes import Load, LoadMeter
+from benchmarks.subscriber import Arrivals, running_subscriber
 from drivers.camera import PinholeCamera, RgbdFrame
-from drivers.core.geometry import Array
-from drivers.ros_messages.decoding import decode_odometry
-from tests.ports import free_port
+from tests.ports import free_port, is_listening
 from tests.vo_service.service_process import KINECT_VO
+from tests.waiting import wait_until
 from vo_service.config_tables import ZenohConfig
 from vo_service.outputs.zenoh.output import LIVE_QOS, ZenohOutput
-from vo_service.outputs.zenoh.session import open_session
 from vo_service.tools.certificates import CertificateAuthority
 
 TEMPLATES = Path(__file__).parents[1] / "config" / "zenoh"
 HOST = "127.0.0.1"
 VALIDITY_DAYS = 2
 POSES_PER_SECOND = 30
-ROUTER = (KINECT_VO, "router")
-ROBOTS = (sys.executable, "-m", "benchmarks.fleet", "robots")
-READER = (sys.executable, "-m", "benchmarks.fleet", "reader")
+ROBOTS = (sys.executable, "-m", "benchmarks.fleet")
 TABLE = Table(
     *(10, "poses:8d", "lost:6d", "p50 ms:8.2f", "p99 ms:8.2f", "max ms:8.1f"),
     *("router CPU %:14.1f", "reader CPU %:14.1f", "robots CPU %:14.1f", "steal %:9.1f"),
@@ -107,23 +103,6 @@ def _write(file: Path, text: str) -> Path:
     return file
 
 
-@dataclass(frozen=True)
-class FleetResult:
-    """Poses and latencies of the reader, and processor use."""
-
-    sent: int
-    latency_ms: Array
-    router_percent: float
-    reader_percent: float
-    robots_percent: float
-    steal_percent: float
-
-    @property
-    def lost_poses(self) -> int:
-        """Number of poses that were not received."""
-        return self.sent - len(self.latency_ms)
-
-
 OPTIONS = (
     option("--robots", type=int, default=20),
     option("--seconds", type=int, default=60),
@@ -134,111 +113,43 @@ OPTIONS = (
 def main(args: argparse.Namespace) -> int:
     """Measure and print a table."""
     with tempfile.TemporaryDirectory() as folder:
-        outcome = _measure(Path(folder), args.robots, args.seconds, args.processes)
-    print(f"{TABLE.head}\n{_format_row(outcome, args.robots)}")
-    return 1 if outcome.lost_poses else 0
+        arrivals, load = run_fleet(Path(folder), args.robots, args.seconds, args.processes)
+    ms, sent = arrivals.latency_ms, args.robots * args.seconds * POSES_PER_SECOND
+    p50_ms, p99_ms = np.percentile(ms, (50, 99)) if len(ms) else (0.0, 0.0)
+    router, reader, *robots = load.cpu_s
+    row = TABLE.row(
+        f"{args.robots} robots",
+        *(sent, sent - len(ms), p50_ms, p99_ms, ms.max(initial=0.0)),
+        *(load.percent(router), load.percent(reader), load.percent(*robots), load.steal_percent),
+    )
+    print(f"{TABLE.head}\n{row}")
+    return 1 if len(ms) < sent else 0
 
 
-def _measure(folder: Path, robots: int, seconds: int, processes: int) -> FleetResult:
-    """Run the fleet once."""
+def run_fleet(folder: Path, robots: int, seconds: int, processes: int) -> tuple[Arrivals, Load]:
+    """Run the fleet once; return what the reader received, and the load of all processes.
+
+    They are in the order of their start: the router, the reader, those of the robots.
+    """
     port = free_port()
     files = write_fleet_files(folder, [f"robot{number}" for number in range(1, robots + 1)], port)
-    shares = [[str(file) for file in files.robots[start::processes]] for start in range(processes)]
     with ExitStack() as stack:
-        router = stack.enter_context(_running_process(*ROUTER, str(files.router)))
-        _wait_until_listening(port, router)
-        reader = stack.enter_context(_running_process(*READER, str(files.reader)))
-        _wait_until_ready(reader)
-        robot_processes = [
-            stack.enter_context(_running_process(*ROBOTS, str(seconds), *share)) for share in shares
+        router = stack.enter_context(running_process(KINECT_VO, "router", files.router))
+        wait_until(lambda: is_listening(port), "the router to listen")
+        reader = stack.enter_context(running_subscriber(files.reader, "*/odom"))
+        publishers = [
+            stack.enter_context(running_process(*ROBOTS, str(seconds), *files.robots[n::processes]))
+            for n in range(processes)
         ]
-        for process in robot_processes:
-            _wait_until_ready(process)  # each robot has discovered the reader
-        numbers = [process.pid for process in (router, reader, *robot_processes)]
-        before, begin_s = measure_processor_use(*numbers), time.monotonic()
-        for process in robot_processes:
-            _send_command(process, "go")
-        for process in robot_processes:
-            _wait_until_ready(process)  # all poses are published
-        use, taken_s = measure_processor_use(*numbers).since(before), time.monotonic() - begin_s
-        latency_ms = np.array(json.loads(_send_command(reader, "end")))
-    percent = [100 * use.by_process[number] / taken_s for number in numbers]
-    return FleetResult(
-        sent=robots * seconds * POSES_PER_SECOND,
-        latency_ms=latency_ms,
-        router_percent=percent[0],
-        reader_percent=percent[1],
-        robots_percent=sum(percent[2:]),
-        steal_percent=use.steal_percent,
-    )
-
-
-def _format_row(outcome: FleetResult, robots: int) -> str:
-    """The one row of the table."""
-    ms = outcome.latency_ms
-    p50_ms, p99_ms = np.percentile(ms, (50, 99)) if len(ms) else (0.0, 0.0)
-    return TABLE.row(
-        f"{robots} robots",
-        *(outcome.sent, outcome.lost_poses, p50_ms, p99_ms, ms.max(initial=0.0)),
-        *(outcome.router_percent, outcome.reader_percent, outcome.robots_percent),
-        outcome.steal_percent,
-    )
-
-
-@contextmanager
-def _running_process(*command: str) -> Iterator["subprocess.Popen[str]"]:
-    """Run a process of the fleet; kill it at the end."""
-    pipe = subprocess.PIPE
-    with subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True) as process:
-        try:
-            yield process
-        finally:
-            process.kill()
-
-
-def _send_command(process: "subprocess.Popen[str]", command: str) -> str:
-    """Send a process a command; return its output after "end"."""
-    assert process.stdin is not None
-    assert process.stdout is not None
-    process.stdin.write(f"{command}\n")
-    process.stdin.flush()
-    return process.stdout.readline() if command == "end" else ""
-
-
-def _wait_until_ready(process: "subprocess.Popen[str]") -> None:
-    assert process.stdout is not None
-    if process.stdout.readline() != "ready\n":
-        raise RuntimeError(f"{process.args!r} has failed")
-
-
-def _wait_until_listening(port: int, router: "subprocess.Popen[str]") -> None:
-    while f":{port:04X} 00000000:0000 0A" not in Path("/proc/net/tcp").read_text():
-        if router.poll() is not None:
-            raise RuntimeError("the router has failed")
-        time.sleep(0.05)
-
-
-def read_poses(file: Path) -> None:
-    """Measure the age of each pose of each robot with one wildcard subscriber.
-
-    It prints "ready" once it subscribes. After "end" on standard input it prints the latencies in
-    milliseconds as a JSON list.
-    """
-    latency_ms: dict[tuple[str, int], float] = {}
-
-    def take(sample: zenoh.Sample) -> None:
-        stamp_s = decode_odometry(sample.payload.to_bytes()).stamp_s
-        received_s = time.monotonic()
-        attachment = sample.attachment
-        assert attachment is not None
-        seq = json.loads(attachment.to_bytes())["seq"]
-        latency_ms.setdefault((str(sample.key_expr), seq), 1e3 * (received_s - stamp_s))
-
-    config = ZenohConfig(config_file=file, listen=())
-    with open_session(config) as session, session.declare_subscriber("*/odom", take):
-        print("ready", flush=True)
-        sys.stdin.readline()
-    print(json.dumps(list(latency_ms.values())), flush=True)
+        for publisher in publishers:
+            publisher.wait_until_ready()  # each robot has discovered the reader
+        meter = LoadMeter(*(each.pid for each in (router, reader.process, *publishers)))
+        for publisher in publishers:
+            publisher.send("go")
+        for publisher in publishers:
+            publisher.wait_until_ready()  # all poses are published
+        load = meter.read()
+        return reader.end(), load
 
 
 def publish_poses(seconds: int, files: list[Path]) -> None:
@@ -255,24 +166,20 @@ def publish_poses(seconds: int, files: list[Path]) -> None:
     update = make_update(RgbdFrame(0, 0.0, 0.0, np.zeros((2, 2, 3), np.uint8), image, 1e3, camera))
     if not all(robot.wait_for_subscriber(CONNECT_TIMEOUT_S) for robot in robots):
         raise SystemExit("no reader")
-    print("ready", flush=True)
+    print_ready()
     sys.stdin.readline()
     begin_s = time.monotonic()
     for turn in range(seconds * POSES_PER_SECOND * len(robots)):
         # The robots publish one after another, evenly over the thirtieth of a second.
         due_s = begin_s + turn / (POSES_PER_SECOND * len(robots))
         time.sleep(max(0.0, due_s - time.monotonic()))
-        # The stamp is on CLOCK_MONOTONIC, which the reader compares.
-        pose = replace(update, seq=turn // len(robots), stamp_s=time.monotonic())
+        pose = replace(update, seq=turn // len(robots), stamp_s=time.time())
         robots[turn % len(robots)].on_update(pose)
     time.sleep(DRAIN_S)
-    print("ready", flush=True)
+    print_ready()
     for robot in robots:
         robot.close()
 
 
-if __name__ == "__main__":  # a process of the fleet
-    if sys.argv[1] == "reader":
-        read_poses(Path(sys.argv[2]))
-    else:
-        publish_poses(int(sys.argv[2]), [Path(name) for name in sys.argv[3:]])
+if __name__ == "__main__":  # some robots of the fleet
+    publish_poses(int(sys.argv[1]), list(map(Path, sys.argv[2:])))

@@ -5,9 +5,8 @@ python -m benchmarks hard_cases still [--minutes 60] [--seed 1] [--method direct
 """
 
 import argparse
-import os
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,8 +18,10 @@ from benchmarks.harness import Table, Variants, measure_cpu_ms, option, to_mm
 from benchmarks.rendered_sequences import THREADS, make_frame, prefetch, render_all
 from benchmarks.tracking import (
     METHOD,
+    Accuracy,
     TrackedSequence,
-    evaluate_trajectory,
+    evaluate_accuracy,
+    match_steps,
     open_frames_with_truth,
     track,
 )
@@ -37,7 +38,6 @@ from vo_service.tools.evaluation.metrics import (
     PosePairs,
     associate,
     count_gross_errors,
-    tracked_steps,
 )
 from vo_service.types.odometry_update import TrackingState
 
@@ -48,7 +48,6 @@ SCENES = (
     *("fast-turn", "floor"),
     SLOW,
 )
-MIN_POSES = 3
 # Period of the exposure's hunting.
 PERIOD_S = 20.0
 # Size of the pool of noise; random offsets make all frames differ.
@@ -69,39 +68,27 @@ def read_scene(name: str) -> SyntheticConfig:
 
 
 @dataclass(frozen=True)
-class SceneResult:
+class SceneResult(Accuracy):
     """Result of one sequence. None: not available.
 
     Attributes:
-        frames: Number of frames.
-        degraded: Frames in state `degraded`.
-        lost: Frames in state `lost`.
-        epochs: Epochs begun after the first.
         gross: Steps between frames with a pose with an error above 5 cm or 3 degrees.
         gross_tracking: Those that end at a frame in state `tracking`.
         longest_gap_s: Longest time without a pose.
         recovery_s: Longest time from the end of a fault until a frame in state `tracking`;
             infinite if there is none.
-        ate_m: ATE RMSE of the poses.
-        max_error_m: Largest error of the poses, after the best alignment.
     """
 
-    frames: int
-    degraded: int
-    lost: int
-    epochs: int
-    gross: int
-    gross_tracking: int
-    longest_gap_s: float
-    recovery_s: float | None
-    ate_m: float | None
-    max_error_m: float | None
+    gross: int = 0
+    gross_tracking: int = 0
+    longest_gap_s: float = 0.0
+    recovery_s: float | None = None
 
     def format_row(self, name: str) -> str:
         """The line of the table."""
         return SCENE_TABLE.row(
             name,
-            *(self.frames, self.degraded, self.lost, self.epochs),
+            *(self.frames, self.degraded, self.lost, self.resets),
             f"{self.gross} ({self.gross_tracking})",
             *(self.longest_gap_s, self.recovery_s, to_mm(self.ate_m), to_mm(self.max_error_m)),
         )
@@ -125,14 +112,11 @@ def measure_scenes(args: argparse.Namespace) -> None:
     for a minute: its row has the tracked distance.
     """
     configs = {name: read_scene(name) for name in SCENES if name in args.only}
-    args.folder.mkdir(parents=True, exist_ok=True)
-    longest_first = sorted(configs, key=lambda name: -configs[name].frame_count)
-    sequences = {args.folder / name: configs[name] for name in longest_first}
-    render_all(sequences, print, os.cpu_count() or 1)
+    folders = render_all(args.folder, configs)
     warm_up(args.method, lambda stage: None)
     print(f"{args.method}\n{SCENE_TABLE.head}")
     for name, config in configs.items():
-        with open_frames_with_truth(args.folder / name) as (frames, truth):
+        with open_frames_with_truth(folders[name]) as (frames, truth):
             tracked = track(args.method, frames)
         if name == SLOW:
             print(f"{name:12}{format_creep(tracked, truth)}", flush=True)
@@ -150,21 +134,15 @@ def evaluate_scene(
         truth: Its true trajectory.
         config: What it was rendered from.
     """
-    evaluation = evaluate_trajectory(tracked.estimates, tracked.stamps_s, truth)
     gross, gross_tracking = _count_gross_errors(tracked, truth)
     begin_s = tracked.stamps_s[0] if len(tracked.stamps_s) else 0.0
     ends_s = [begin_s + end_s for end_s in fault_end_times_s(config)]
     return SceneResult(
-        frames=len(tracked.stamps_s),
-        degraded=tracked.states.count(TrackingState.DEGRADED),
-        lost=tracked.states.count(TrackingState.LOST),
-        epochs=tracked.resets,
+        **asdict(evaluate_accuracy(tracked, truth)),
         gross=gross,
         gross_tracking=gross_tracking,
         longest_gap_s=longest_gap_s(tracked.stamps_s, tracked.has_pose),
         recovery_s=max_recovery_s(tracked, ends_s),
-        ate_m=None if evaluation is None else evaluation.ate_rmse_m,
-        max_error_m=None if evaluation is None else evaluation.ate_max_m,
     )
 
 
@@ -197,11 +175,10 @@ def longest_gap_s(stamps_s: Array, has_pose: NDArray[np.bool_]) -> float:
 
 def _count_gross_errors(tracked: TrackedSequence, truth: Trajectory) -> tuple[int, int]:
     """Count gross errors: all, and those that end at a frame in state `tracking`."""
-    trajectory = tracked.trajectory
-    if len(trajectory) < MIN_POSES:
+    matched_steps = match_steps(tracked.trajectory, truth, tracked.epochs[tracked.has_pose])
+    if matched_steps is None:
         return 0, 0
-    matched = associate(trajectory, truth)
-    steps = tracked_steps(matched, trajectory.stamps_s, tracked.epochs[tracked.has_pose])
+    matched, steps = matched_steps
     frames = np.searchsorted(tracked.stamps_s, matched.stamps_s[steps.later])
     states = [tracked.states[frame] is TrackingState.TRACKING for frame in frames]
     is_tracking = np.array(states, np.bool_)

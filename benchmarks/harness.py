@@ -10,9 +10,10 @@ import argparse
 import json
 import os
 import re
+import statistics
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from inspect import cleandoc
 from pathlib import Path
@@ -28,6 +29,7 @@ from drivers.core.files import atomic_write
 Json = dict[str, Any]
 Main = Callable[[argparse.Namespace], int | None]
 T = TypeVar("T")
+Key = TypeVar("Key")
 
 
 @dataclass(frozen=True)
@@ -114,6 +116,40 @@ def measure_cpu_ms(
     begin_s = clock_s()
     result = work()
     return result, 1e3 * (clock_s() - begin_s)
+
+
+def run_in_turn(cases: Mapping[Key, Callable[[], T]], rounds: int) -> dict[Key, list[T]]:
+    """Run each case once a round, so that other load of the machine affects all of them alike.
+
+    Args:
+        cases: What is measured, by name.
+        rounds: Number of rounds.
+    """
+    results: dict[Key, list[T]] = {name: [] for name in cases}
+    for number in range(1, rounds + 1):
+        for name, run in cases.items():
+            print(f"round {number} of {rounds}: {name}", file=sys.stderr, flush=True)
+            results[name].append(run())
+    return results
+
+
+def combine_runs(runs: Sequence[T], **combine: Callable[[Sequence[Any]], float | None]) -> T:
+    """Combine runs of a case, dataclasses of figures: the medians of those that are not None.
+
+    Args:
+        runs: The runs.
+        combine: For other figures than a median, the function by the field's name: sum, max.
+    """
+    columns = {name: [getattr(run, name) for run in runs] for name in vars(runs[0])}
+    return type(runs[0])(
+        **{name: combine.get(name, known_median)(each) for name, each in columns.items()}
+    )
+
+
+def known_median(values: Iterable[float | None]) -> float | None:
+    """The median of the values that are not None; None if all are."""
+    known = [value for value in values if value is not None]
+    return statistics.median(known) if known else None
 
 
 def median(values: Sequence[float]) -> float:

@@ -25,21 +25,14 @@ from benchmarks.harness import (
 )
 from benchmarks.rendered_sequences import render_all
 from benchmarks.sensor_timing import tell_exactly, tell_nothing
-from benchmarks.tracking import (
-    TrackedSequence,
-    evaluate_accuracy,
-    open_frames_with_truth,
-    track,
-)
+from benchmarks.tracking import evaluate_accuracy, open_frames_with_truth, track
 from benchmarks.virtual_sensors import SEEDS as SENSOR_SEEDS
-from benchmarks.virtual_sensors import render_sensors
+from benchmarks.virtual_sensors import make_sensors
 from drivers.calibration import UNKNOWN_TIMING
 from drivers.camera import RgbdFrame
 from drivers.core import InputError
-from drivers.core.geometry import Trajectory, inverse, nearest_indices
 from drivers.tum.folder import open_tum_folder
 from vo_service.odometry.warm_up import warm_up
-from vo_service.types.odometry_update import TrackingState
 
 PARTS = ("recordings", "sensors", "scenes")
 # Those of the table in docs/ are not used to choose a parameter.
@@ -54,7 +47,6 @@ STEPS = (3, 5, 10)
 STEP_PERTURBATIONS = (0, 1, 2)
 # Shorter recordings have no frames to leave out.
 MIN_FRAMES_TO_STEP = 100
-MAX_SIGMAS = 3.0
 
 
 @dataclass(frozen=True)
@@ -177,35 +169,9 @@ def run_case(case: Case) -> Json:
     with open_frames_with_truth(case.folder) as (all_frames, truth):
         tracked = track(case.method, case.change(all_frames))
     result = asdict(evaluate_accuracy(tracked, truth))
-    result["degraded"] = tracked.states.count(TrackingState.DEGRADED)
-    result["cpu_ms"] = float(np.mean(tracked.cpu_ms)) if len(tracked.cpu_ms) else 0.0
-    result["p99_ms"] = float(np.percentile(tracked.cpu_ms, 99)) if len(tracked.cpu_ms) else 0.0
-    result["overconfident"] = count_overconfident(tracked, truth)
     if case.scene and case.scene != SLOW:
-        scene = evaluate_scene(tracked, truth, read_scene(case.scene))
-        result |= {"gross": scene.gross, "max_error_m": scene.max_error_m}
+        result["gross"] = evaluate_scene(tracked, truth, read_scene(case.scene)).gross
     return result
-
-
-def count_overconfident(tracked: TrackedSequence, truth: Trajectory) -> int:
-    """Number of poses whose position is wrong by more than `MAX_SIGMAS` of the published sigma.
-
-    Compared with the first frame of the pose's epoch.
-    """
-    count, T_truth_origin, T_world_origin, epoch = 0, np.eye(4), np.eye(4), -1
-    indices = nearest_indices(truth.stamps_s, tracked.stamps_s)
-    for n, estimate in enumerate(tracked.estimates):
-        if not estimate.ok:
-            continue
-        T_truth_camera = truth.T_world_camera[indices[n]]
-        if tracked.epochs[n] != epoch:
-            epoch = int(tracked.epochs[n])
-            T_truth_origin, T_world_origin = T_truth_camera, estimate.T_world_camera
-        true = inverse(T_truth_origin) @ T_truth_camera
-        estimated = inverse(T_world_origin) @ estimate.T_world_camera
-        error_m = float(np.linalg.norm(true[:3, 3] - estimated[:3, 3]))
-        count += bool(error_m > MAX_SIGMAS * tracked.position_sigmas_m[n])
-    return count
 
 
 COLUMNS = ("ATE:8.1f", "largest:9.1f", "RPE/1s:8.1f", "lost:6", "sigma:7d", "CPU ms:8.1f")
@@ -313,12 +279,12 @@ def make_cases(
         for folder in find_recordings(recordings):
             cases += recording_cases(folder, methods)
     if "sensors" in parts:
-        folders = render_sensors(kept / "sensors", SEEDS[seeds], print, processes)
-        cases += sensor_cases(folders, methods)
+        sensors = render_all(kept / "sensors", make_sensors(SEEDS[seeds]), processes)
+        cases += sensor_cases(sensors, methods)
     if "scenes" in parts:
-        configs = {kept / name: read_scene(name) for name in SCENES if name != SLOW}
-        render_all(configs, print, processes)
-        cases += [Case(path.name, path, methods[0], scene=path.name) for path in configs]
+        configs = {name: read_scene(name) for name in SCENES if name != SLOW}
+        scenes = render_all(kept, configs, processes)
+        cases += [Case(name, path, methods[0], scene=name) for name, path in scenes.items()]
     return cases
 
 

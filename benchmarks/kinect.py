@@ -2,40 +2,40 @@
 
     python -m benchmarks kinect cost [--seconds 10] [--rounds 3]
     python -m benchmarks kinect paths FOLDER [--frames N]
+    python -m benchmarks kinect steps FOLDER [--frames 60] [--rounds 9]
     python -m benchmarks kinect stamp [--serial SERIAL] [--seconds 60]
 
-`cost` and `paths` use a simulated Kinect with the real libfreenect, `stamp` a real one.
+`cost`, `paths` and `steps` use a simulated Kinect with the real libfreenect, `stamp` a real one.
 """
 
 import argparse
 import ctypes
 import os
-import random
 import signal
 import subprocess
 import sys
 import tempfile
-import threading
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
-from itertools import islice
+from itertools import cycle, islice
 from pathlib import Path
-from statistics import median
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.harness import Table, Variants, option
-from benchmarks.service_load import measure_processor_use
+from benchmarks.harness import Table, Variants, measure_cpu_ms, median, option, run_in_turn
+from benchmarks.led_timing import OPTIONS_OF_STAMP, measure_stamp
+from benchmarks.processes import Load, LoadMeter
 from benchmarks.tracking import open_frames_with_truth
 from drivers.calibration import find_calibration, format_calibration
-from drivers.camera import Clock, FrameTimeout, Led, PlaybackMode, RgbdFrame, SensorConfig
-from drivers.core import UserFacingError
-from drivers.core.geometry import Array, Trajectory, read_trajectory
+from drivers.camera import Clock, PlaybackMode, RgbdFrame, SensorConfig, new_images
+from drivers.core.geometry import Trajectory, read_trajectory
+from drivers.core.memory import limit_freed_memory
+from drivers.core.process.record_ring import create_shared_memory
 from drivers.freenect.bindings import (
     CAMERA_ONLY,
     COLOR_BAYER,
@@ -45,29 +45,35 @@ from drivers.freenect.bindings import (
     TimeValue,
     load_library,
 )
-from drivers.freenect.camera import FreenectCamera, make_kinect_camera
+from drivers.freenect.camera import FreenectCamera
+from drivers.freenect.conversion import ImageConversion
 from drivers.freenect.sources import KinectSource
-from drivers.kinect_usb.kinect_motor_unit import KinectMotorUnit
 from drivers.kinect_usb.motor_unit import MotorUnit
 from drivers.kinect_usb.usb_devices import find_kinect
+from drivers.rectify import Undistorter
 from drivers.subprocess_camera.camera import SubprocessCamera
-from tests.resource_leaks import child_pids_of
+from drivers.subprocess_camera.frame_ring import SLOT_BYTES, SLOT_COUNT, FrameSlots
 from tests.simulators.fakenect_dump import write_fakenect_dump
 from tests.simulators.fixtures import FRAME_COUNT, pattern_frame
 from tests.simulators.frame_sources import folder_frames, write_fitted_usb_frames
 from tests.simulators.kinect_simulator import (
+    FACTORY,
     IDENTITY,
     KinectSimulator,
     LoopMode,
     write_usb_frames,
 )
 from tests.simulators.oni_writer import frames_to_oni_images, write_oni
+from tests.simulators.usb_frames import HEADER_BYTES, UsbFrames
 from tests.vo_service.service_process import KINECT_VO
 from vo_service.tools.evaluation.evaluation import evaluate
 
 WARM_UP_S = 2.0
 COLOR_BYTES, DEPTH_BYTES = 640 * 480, 640 * 480 * 11 // 8
 COST_TABLE = Table(12, "% of a core:12.2f", "ratio:8.2f")
+STEPS_TABLE = Table(32, "CPU ms:10.3f")
+TYPICAL_DISTORTION = (0.2, -0.5, 0.0, 0.0, 0.3)
+RawImage = NDArray[np.uint8]
 PATHS_TABLE = Table(22, "poses:6d", "ATE:9.2f", "farthest:10.3f")
 RATE_HZ = 30.0
 # The source has ended after this time without a pose.
@@ -75,17 +81,6 @@ SILENCE_TIMEOUT_S = 4.0
 MAX_RUN_S = 600.0
 # Largest number of frames before the first pair of a live camera.
 MAX_MISSED_FRAMES = 8
-# Search range: how far the stamp may be before or after the middle of the exposure.
-DELAY_GRID_S = np.arange(-0.100, 0.1001, 0.0005)
-EXPOSURE_GRID_S = np.arange(0.002, 0.0341, 0.002)
-# Fraction of the image's pixels that follow the LED best.
-LIT_PIXEL_FRACTION = 0.001
-# Time between two switches: far longer than an exposure, and not synchronous with the frames.
-MIN_SWITCH_S, MAX_SWITCH_S = 0.25, 0.6
-# The LED's mirror image is larger than a few pixels, so smaller images show it too.
-PIXEL_STRIDE = 4
-MIN_EXPLAINED = 0.6
-FIRST_FRAME_TIMEOUT_S = 15.0
 
 
 def make_kinect_without_motor() -> FreenectCamera:
@@ -112,7 +107,7 @@ def measure_bare_loop(seconds: float) -> float:
     library.freenect_start_depth(device)
     library.freenect_start_video(device)
     step = partial(library.freenect_process_events_timeout, context, TimeValue(0, 20_000))
-    percent = _cpu_percent(step, time.process_time, seconds)
+    percent = _measure_load(step, seconds).percent()
     library.freenect_stop_depth(device)
     library.freenect_stop_video(device)
     library.freenect_close_device(device)
@@ -123,7 +118,7 @@ def measure_bare_loop(seconds: float) -> float:
 def measure_in_process(seconds: float) -> float:
     """Measure the camera read in this process."""
     with make_kinect_without_motor() as camera:
-        return _cpu_percent(lambda: camera.read(5.0), time.process_time, seconds)
+        return _measure_load(lambda: camera.read(5.0), seconds).percent()
 
 
 def measure_subprocess(seconds: float) -> float:
@@ -132,7 +127,8 @@ def measure_subprocess(seconds: float) -> float:
         "freenect", Clock.MONOTONIC, make_kinect_without_motor, PlaybackMode.REALTIME
     )
     with camera:
-        return _cpu_percent(lambda: camera.read(20.0), _children_cpu_s, seconds)
+        load = _measure_load(lambda: camera.read(20.0), seconds)
+        return load.percent_without(os.getpid())
 
 
 DRIVERS: Mapping[str, Callable[[float], float]] = {
@@ -151,24 +147,18 @@ def _make_copying_callback(size: int) -> Any:
     return FRAME_CALLBACK(copy)
 
 
-def _cpu_percent(step: Callable[[], object], cpu_s: Callable[[], float], seconds: float) -> float:
-    """Measure the CPU share of `seconds` of steps after the warm-up, in percent of a core."""
+def _measure_load(step: Callable[[], object], seconds: float) -> Load:
+    """Measure this process and its children during `seconds` of steps, after the warm-up."""
     _repeat(step, WARM_UP_S)
-    begin_s, begin_cpu_s = time.monotonic(), cpu_s()
+    meter = LoadMeter(os.getpid())
     _repeat(step, seconds)
-    return 100 * (cpu_s() - begin_cpu_s) / (time.monotonic() - begin_s)
+    return meter.read()
 
 
 def _repeat(step: Callable[[], object], seconds: float) -> None:
     end_s = time.monotonic() + seconds
     while time.monotonic() < end_s:
         step()
-
-
-def _children_cpu_s() -> float:
-    """CPU time used so far by the running child processes."""
-    children = child_pids_of(os.getpid())
-    return sum(measure_processor_use(*children).by_process.values())
 
 
 COST_OPTIONS = (
@@ -183,22 +173,20 @@ def measure_cost(args: argparse.Namespace) -> None:
     All three variants run on the same simulated Kinect, one after another in separate processes,
     after two seconds of warm-up. The simulator runs in the same process and costs the same each
     time. `isolated` counts only the driver's process, with its frame ring. The loop converts no
-    image; `kinect_load steps` has the time of the conversion.
+    image; `steps` has the time of the conversion.
     """
     with tempfile.TemporaryDirectory() as folder:
         frames = write_usb_frames(Path(folder), (pattern_frame(seq) for seq in range(FRAME_COUNT)))
         with KinectSimulator(Path(folder), frames, registration=IDENTITY) as kinect:
-            percent: dict[str, list[float]] = {variant: [] for variant in DRIVERS}
-            for _ in range(args.rounds):
-                for variant, measured in percent.items():
-                    measured.append(_measure_percent(variant, args.seconds, kinect))
+            measure = partial(_measure_percent, args.seconds, kinect)
+            percent = run_in_turn({name: partial(measure, name) for name in DRIVERS}, args.rounds)
     bare = median(percent["bare"])
     print(COST_TABLE.head)
     for variant, measured in percent.items():
         print(COST_TABLE.row(variant, median(measured), median(measured) / bare))
 
 
-def _measure_percent(variant: str, seconds: float, kinect: KinectSimulator) -> float:
+def _measure_percent(seconds: float, kinect: KinectSimulator, variant: str) -> float:
     """Measure the share of one core that the driver uses."""
     command = [sys.executable, "-m", "benchmarks.kinect", variant, str(seconds)]
     environment = os.environ | kinect.environment
@@ -324,174 +312,78 @@ def max_distance_m(estimated: Trajectory, reference: Trajectory) -> float:
     )
 
 
-@dataclass(frozen=True)
-class LedTiming:
-    """The middle of the exposure relative to the stamp.
-
-    Attributes:
-        delay_s: Middle of the exposure minus stamp, including the LED's own delay.
-        exposure_s: Duration of the exposure.
-        explained_variance: Fraction of the brightness's variance that the fit explains.
-    """
-
-    delay_s: float
-    exposure_s: float
-    explained_variance: float
+def read_raw_images(frames: UsbFrames) -> list[tuple[RawImage, RawImage]]:
+    """Read color (480, 640) and packed depth (422400,) of all frames."""
+    depth_bytes, color_bytes = DEPTH_11_BIT_PACKED.shape[0], int(np.prod(COLOR_BAYER.shape))
+    data = np.fromfile(frames.file, np.uint8)[HEADER_BYTES:].reshape(frames.count, -1)
+    return [
+        (frame[depth_bytes : depth_bytes + color_bytes].reshape(COLOR_BAYER.shape), packed)
+        for frame, packed in zip(data, data[:, :depth_bytes].copy(), strict=True)
+    ]
 
 
-def find_lit_pixels(pictures: NDArray[np.uint8], is_on: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Find the pixels (height, width) of pictures (n, height, width) that follow the LED best."""
-    shine = pictures[is_on].mean(axis=0) - pictures[~is_on].mean(axis=0)
-    follows = shine / (pictures.std(axis=0) + 1.0)
-    count = max(1, round(LIT_PIXEL_FRACTION * follows.size))
-    return np.asarray(follows >= np.partition(follows.ravel(), -count)[-count])
+def make_steps(
+    frame: RgbdFrame, conversion: ImageConversion, raw_images: Sequence[tuple[RawImage, RawImage]]
+) -> Mapping[str, Callable[[], object]]:
+    """Make each step of the driver, and the one of the service, as a function of the next frame."""
+    undistorter = Undistorter(frame.camera, TYPICAL_DISTORTION)
+    slots = FrameSlots(create_shared_memory("benchmark", SLOT_COUNT * SLOT_BYTES))
+    colors, depths = (cycle(images) for images in zip(*raw_images, strict=True))
+    slot = cycle(range(SLOT_COUNT))
+    color_bgr, depth_mm = new_images(frame.camera.width, frame.camera.height)
+    slots.write(0, 0, frame)
+    return {
+        "color: Bayer mosaic to BGR": lambda: conversion.to_bgr(next(colors), color_bgr),
+        "depth: unpack, register, filter": lambda: conversion.to_mm(next(depths), depth_mm),
+        "undistort color (camera file)": lambda: undistorter.undistort_color(frame.color_bgr),
+        "undistort depth (camera file)": lambda: undistorter.undistort_depth(frame.depth_raw),
+        "make the frame": lambda: replace(frame),
+        "copy into shared memory": lambda: slots.write(next(slot), 0, frame),
+        "service: out of shared memory": lambda: slots.read(0),
+    }
 
 
-def fit_timing(stamps_s: Array, brightness: Array, switched_s: Array) -> LedTiming:
-    """Fit delay and exposure.
-
-    Args:
-        stamps_s: Stamps (n,).
-        brightness: Brightness (n,) of the lit pixels.
-        switched_s: Times (m,) of the switching commands on the same clock, the first to on.
-    """
-    best = LedTiming(0.0, 0.0, -np.inf)
-    middles_s = (DELAY_GRID_S[:, None] + stamps_s).ravel()
-    for exposure_s in EXPOSURE_GRID_S:
-        lit = exposed_fraction(middles_s, exposure_s, switched_s)
-        explained = _explained_variance(lit.reshape(len(DELAY_GRID_S), -1), brightness)
-        k = int(explained.argmax())
-        if explained[k] > best.explained_variance:
-            best = LedTiming(float(DELAY_GRID_S[k]), float(exposure_s), float(explained[k]))
-    return best
-
-
-def exposed_fraction(middles_s: Array, exposure_s: float, switched_s: Array) -> Array:
-    """Fraction (n,) of each exposure during which the LED is on.
-
-    Args:
-        middles_s: (n,) middles of the exposures, s.
-        exposure_s: Length of an exposure, s.
-        switched_s: Times at which the LED was switched, first on, s.
-    """
-    begin, end = middles_s - exposure_s / 2, middles_s + exposure_s / 2
-    return (_cumulative_on_s(end, switched_s) - _cumulative_on_s(begin, switched_s)) / exposure_s
-
-
-def _cumulative_on_s(until_s: Array, switched_s: Array) -> Array:
-    """Seconds that the LED was on before each time."""
-    is_on = np.arange(len(switched_s)) % 2 == 0
-    spans_s = np.diff(switched_s, append=np.inf) * 1.0
-    since_s = np.clip(until_s[:, None] - switched_s[None, :], 0.0, spans_s[None, :])
-    return np.asarray((since_s * is_on).sum(axis=1))
-
-
-def _explained_variance(lit: Array, brightness: Array) -> Array:
-    """Squared correlation (d,) of each row of `lit` (d, n) with the brightness (n,)."""
-    lit = lit - lit.mean(axis=1, keepdims=True)
-    brightness = brightness - brightness.mean()
-    squares = (lit**2).sum(axis=1) * (brightness**2).sum()
-    return np.asarray((lit @ brightness) ** 2 / np.where(squares > 0.0, squares, np.inf))
-
-
-class BlinkingLight:
-    """Switches an LED at irregular times in a thread, and records the times."""
-
-    def __init__(self, switch: Callable[[bool], None]) -> None:
-        self._switch = switch
-        self._stop = threading.Event()
-        self.switched_s: list[float] = []
-        self._thread = threading.Thread(target=self._run, name="light", daemon=True)
-        self._thread.start()
-
-    def _run(self) -> None:
-        is_on = False
-        while not self._stop.wait(random.uniform(MIN_SWITCH_S, MAX_SWITCH_S)):
-            is_on = not is_on
-            begin_s = time.monotonic()
-            self._switch(is_on)
-            self.switched_s.append((begin_s + time.monotonic()) / 2)
-
-    def stop(self) -> None:
-        """Stop switching."""
-        self._stop.set()
-        self._thread.join()
-
-
-STAMP_OPTIONS = (
-    option("--serial", default="", help="serial number (default: the first Kinect)"),
-    option("--seconds", type=float, default=60.0, help="duration"),
+STEPS_OPTIONS = (
+    option("folder", type=Path, help="TUM folder that a simulated Kinect plays"),
+    option("--frames", type=int, default=60, help="number of frames"),
+    option("--rounds", type=int, default=9, help="repetitions; the median counts"),
 )
 
 
-def measure_stamp(args: argparse.Namespace) -> int:
-    """Offset of a Kinect's color stamp from the exposure, measured by its own LED in a mirror.
+def measure_steps(args: argparse.Namespace) -> None:
+    """CPU time per frame of each step of the driver, on raw frames in a tight loop.
 
-    Put the Kinect in front of a mirror in a dim room, so that it sees its own LED. The LED is
-    switched on and off at irregular times, which are known to a millisecond. The brightness of the
-    pixels that follow it gives the middle of the exposure relative to the stamps. Exit code 1 if
-    the LED is not visible. Remove stamp_offset_s from the configuration first: the printed figure
-    is its value.
+    `cost` measures the whole driver: it also contains libfreenect and the simulated bus.
     """
-    return report_stamp(record_led(args.serial, args.seconds))
+    limit_freed_memory()  # as `run` does
+    with tempfile.TemporaryDirectory() as name:
+        frames = write_fitted_usb_frames(Path(name), folder_frames(args.folder, None, args.frames))
+        with KinectSimulator(Path(name), frames, registration=FACTORY) as kinect:
+            kinect.loop, kinect.waits_for_reader = LoopMode.THERE_AND_BACK, True
+            kinect.activate()
+            with make_kinect_without_motor() as camera:
+                frame, conversion = camera.read(5.0), camera._conversion
+            steps = make_steps(frame, conversion, read_raw_images(frames))
+            measure = {name: partial(_mean_ms, run, args.frames) for name, run in steps.items()}
+            ms = run_in_turn(measure, args.rounds)
+    print(STEPS_TABLE.head)
+    for step, measured in ms.items():
+        print(STEPS_TABLE.row(step, median(measured)))
 
 
-@dataclass
-class LedObservations:
-    """Small gray images with their stamps, and the times of the switches."""
+def _mean_ms(run: Callable[[], object], count: int) -> float:
+    def run_all() -> None:
+        for _ in range(count):
+            run()
 
-    stamps_s: list[float]
-    pictures: list[NDArray[np.uint8]]
-    switched_s: list[float]
-
-    def add(self, frame: RgbdFrame) -> None:
-        """Add the small image and the stamp of a frame."""
-        self.stamps_s.append(frame.stamp_s)
-        self.pictures.append(frame.gray[::PIXEL_STRIDE, ::PIXEL_STRIDE].copy())
-
-
-def record_led(serial: str, seconds: float) -> LedObservations:
-    """Record frames for `seconds` while the LED is switched; the first switch is to on."""
-    recipe = partial(make_kinect_camera, serial, SensorConfig(led=Led.OFF), None)
-    observations, base = LedObservations([], [], []), KinectMotorUnit()
-    with SubprocessCamera("freenect", Clock.MONOTONIC, recipe, PlaybackMode.LOCKSTEP) as camera:
-        try:
-            observations.add(camera.read(FIRST_FRAME_TIMEOUT_S))
-            base.open(serial)
-            light = BlinkingLight(lambda is_on: base.set_led(Led.GREEN if is_on else Led.OFF))
-            try:
-                while observations.stamps_s[-1] - observations.stamps_s[0] < seconds:
-                    observations.add(camera.read(FIRST_FRAME_TIMEOUT_S))
-            finally:
-                light.stop()
-                base.close()
-        except FrameTimeout:
-            raise UserFacingError(f"no frame: {camera.status}") from None
-    observations.switched_s.extend(light.switched_s)
-    return observations
-
-
-def report_stamp(observations: LedObservations) -> int:
-    """Print the delay; return 1 if the LED is not visible."""
-    stamps_s, switched_s = np.array(observations.stamps_s), np.array(observations.switched_s)
-    pictures = np.array(observations.pictures)
-    is_on = np.searchsorted(switched_s, stamps_s) % 2 == 1
-    brightness = pictures[:, find_lit_pixels(pictures, is_on)].mean(axis=1)
-    timing = fit_timing(stamps_s, brightness, switched_s)
-    print(f"frames             {len(stamps_s)}, switches {len(switched_s)}")
-    print(f"LED explains       {100 * timing.explained_variance:.0f} % of the brightness")
-    if timing.explained_variance < MIN_EXPLAINED:
-        print("the LED is not visible: put a mirror close in front of it and darken the room")
-        return 1
-    print(f"exposure           {1e3 * timing.exposure_s:.0f} ms")
-    print(f"stamp_offset_s     {timing.delay_s:.4f}  (middle of the exposure minus stamp)")
-    return 0
+    return measure_cpu_ms(run_all)[1] / count
 
 
 VARIANTS: Variants = {
     "cost": (COST_OPTIONS, measure_cost),
     "paths": (PATHS_OPTIONS, compare_paths),
-    "stamp": (STAMP_OPTIONS, measure_stamp),
+    "steps": (STEPS_OPTIONS, measure_steps),
+    "stamp": (OPTIONS_OF_STAMP, measure_stamp),
 }
 
 if __name__ == "__main__":  # one of DRIVERS

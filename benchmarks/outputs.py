@@ -11,41 +11,54 @@ milliseconds; CPU is per frame.
 
 import argparse
 import os
-import re
 import shutil
 import signal
 import subprocess
-import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, replace
 from decimal import Decimal
-from itertools import islice
+from functools import partial
 from pathlib import Path
-from typing import TypeVar
 
 import cv2
 import numpy as np
 from mcap.writer import CompressionType
 
-from benchmarks.harness import RECORDING, Variants, format_table, option
-from benchmarks.service_load import make_update, measure_processor_use, running_recorder
+from benchmarks.frame_sender import (
+    RATE_HZ,
+    WARM_UP_FRAMES,
+    load_frames,
+    make_update,
+    send_in_turn,
+)
+from benchmarks.harness import (
+    RECORDING,
+    Table,
+    Variants,
+    combine_runs,
+    measure_cpu_ms,
+    option,
+    run_in_turn,
+)
+from benchmarks.processes import LoadMeter, memory_mb
+from benchmarks.subscriber import running_subscriber, wall_clock_offset_s
 from drivers.bag.bag_writer import McapWriter
 from drivers.bag.frame_writer import FrameWriter
 from drivers.bag.mcap_recording_file import McapRecordingFile
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core import InputError
 from drivers.core.geometry import T_BODY_CAMERA
-from drivers.playback.camera import RecordingCamera
 from drivers.playback.recording_formats import open_recording
 from drivers.recording.frame_encoding import FrameStamps, calibration_of_frame
 from drivers.recording.frame_recorder import FrameRecorder
 from drivers.recording.image_encoding import ColorFormat, encode_image
 from drivers.recording.recording_sink import StoredFrame
 from tests.ports import free_port
-from tests.resource_leaks import child_pids_of, resident_memory_kb
+from tests.resource_leaks import child_pids_of
+from tests.waiting import wait_until
 from vo_service.config_tables import FramesConfig, RecorderConfig, ZenohConfig
 from vo_service.outputs.frames.frame_messages import depth_in_mm
 from vo_service.outputs.frames.output import FrameOutput, FrameOutputConfig
@@ -55,47 +68,26 @@ from vo_service.outputs.zenoh.session_endpoints import ExtraEndpoints
 from vo_service.types.commands import CommandError
 from vo_service.types.odometry_update import OdometryUpdate
 
-RATE_HZ = 30.0
-Item = TypeVar("Item", RgbdFrame, OdometryUpdate)
 # Frames of the recording that are sent in turn.
 SOURCE_FRAMES = {"frames": 40, "mcap": 100, "recorder": 60}
-WARM_UP_FRAMES = 60
-RAW, COMPRESSED = ("color/image", "depth/image"), ("color/compressed", "depth/compressed")
+RAW = ("kinect/color/image", "kinect/depth/image")
+COMPRESSED = ("kinect/color/compressed", "kinect/depth/compressed")
 HOST_ADDRESS, READER_ADDRESS = "10.213.77.1", "10.213.77.2"
 NAMESPACE = "kinect-vo-link"
 HOST_END, READER_END = "kvo-host", "kvo-reader"
-
-
-def load_frames(recording: Path, count: int) -> list[RgbdFrame]:
-    """The first frames of a recording."""
-    with RecordingCamera(recording) as camera:
-        return list(islice(camera, count))
-
-
-def send_in_turn(
-    items: Sequence[Item], first: int, count: int, send: Callable[[Item], None]
-) -> list[float]:
-    """Send frames or updates in turn at the frame rate, with new numbers and stamps.
-
-    Args:
-        items: The frames or updates.
-        first: Number of the first one.
-        count: How many to send.
-        send: What sends one.
-
-    Returns:
-        Seconds that each call took.
-    """
-    begin_s, taken_s = time.monotonic(), []
-    for i in range(count):
-        time.sleep(max(0.0, begin_s + i / RATE_HZ - time.monotonic()))
-        item = replace(items[(first + i) % len(items)], seq=first + i, stamp_s=time.time())
-        started_s = time.perf_counter()
-        send(item)
-        taken_s.append(time.perf_counter() - started_s)
-    # The next call goes on at the same rate.
-    time.sleep(max(0.0, begin_s + count / RATE_HZ - time.monotonic()))
-    return taken_s
+FRAMES_TABLE = Table(
+    *(28, "p50 ms:8.2f", "p99 ms:8.2f", "max ms:8.2f", "lost poses:12d", "lost frames:13d"),
+    *("put ms:8.3f", "CPU:7.2f", "reader:8.2f", "growth MB:11.1f"),
+)
+MCAP_TABLE = Table(
+    *(10, "sent:7d", "read back:11d", "CPU ms:8.1f", "core %:8.0f", "longest write ms:18.0f"),
+    "MB:7.0f",
+)
+ENCODINGS_TABLE = Table(34, "CPU ms:8.1f", "kB a frame:12.0f", "MB/s:7.1f")
+RECORDER_TABLE = Table(
+    *(16, "service ms:12.2f", "worker ms:11.2f", "missed:8d", "MB service:12.0f"),
+    *("MB worker:11.0f", "MB ring:9.0f"),
+)
 
 
 @dataclass(frozen=True)
@@ -103,7 +95,7 @@ class Case:
     """Readers of images.
 
     Attributes:
-        readers: The topics of each reader.
+        readers: The keys of each reader.
         is_stopped: Whether they are stopped by SIGSTOP after the warm-up.
         link_mbit_s: Capacity of the link to all readers; 0: no link, the same machine.
     """
@@ -122,26 +114,6 @@ CASES = {
     "no image reader, 100 Mbit/s": Case(link_mbit_s=100),
     "one raw reader, 100 Mbit/s": Case([RAW], link_mbit_s=100),
 }
-# Prints "ready"; then, for a time on its input, the number of later images, and its CPU time.
-READER = """
-import resource, struct, sys
-from vo_service.config_tables import ZenohConfig
-from vo_service.outputs.zenoh.session import open_session
-from vo_service.outputs.zenoh.zenoh_config import MAX_FRAME_MESSAGE_BYTES
-stamps_s = []
-def on_sample(sample):
-    seconds, nanoseconds = struct.unpack_from("<iI", sample.payload.to_bytes(), 4)
-    stamps_s.append(seconds + 1e-9 * nanoseconds)
-config = ZenohConfig(listen=(), connect=(sys.argv[1],))
-with open_session(config, MAX_FRAME_MESSAGE_BYTES) as session:
-    for topic in sys.argv[2:]:
-        session.declare_subscriber(f"kinect/{topic}", on_sample)
-    print("ready", flush=True)
-    begin_s = float(sys.stdin.readline())
-    count = sum(stamp_s >= begin_s for stamp_s in stamps_s)
-    use = resource.getrusage(resource.RUSAGE_SELF)
-    print(count, use.ru_utime + use.ru_stime, flush=True)
-"""
 
 
 @contextmanager
@@ -204,87 +176,58 @@ def measure_publishing(args: argparse.Namespace) -> None:
         raise InputError("--seconds: give at least 1")
     names = args.case or [name for name, case in CASES.items() if not case.link_mbit_s]
     updates = list(map(make_update, load_frames(args.recording, SOURCE_FRAMES["frames"])))
-    count = int(args.seconds * RATE_HZ)
-    rows = {name: measure_case(CASES[name], updates, count) for name in names}
-    headings = (
-        "p50 ms",
-        "p99 ms",
-        "max ms",
-        "lost poses",
-        "lost frames",
-        "put ms",
-        "CPU",
-        "reader",
-        "growth MB",
-    )
-    print(format_table(headings, rows))
+    print(FRAMES_TABLE.head)
+    for name in names:
+        cells = measure_case(CASES[name], updates, int(args.seconds * RATE_HZ))
+        print(FRAMES_TABLE.row(name, *cells), flush=True)
 
 
-def measure_case(case: Case, updates: Sequence[OdometryUpdate], count: int) -> list[str]:
-    """Run one case; return the cells of its row."""
+@contextmanager
+def publishing(endpoint: str) -> Iterator[ZenohOutput]:
+    """Publish poses and frames at an endpoint."""
     config = FrameOutputConfig("kinect", FramesConfig(), T_BODY_CAMERA)
+    with closing(FrameOutput(config)) as frames:
+        extras = ExtraEndpoints(on_session=frames.declare, on_pose=frames.queue)
+        zenoh_config = ZenohConfig(listen=(endpoint,))
+        with closing(ZenohOutput(zenoh_config, extra_endpoints=extras)) as poses:
+            yield poses
+
+
+def measure_case(
+    case: Case, updates: Sequence[OdometryUpdate], count: int
+) -> tuple[float | None, ...]:
+    """Run one case; return the cells of its row."""
     with ExitStack() as stack:
         address, prefix = "127.0.0.1", list[str]()
         if case.link_mbit_s:
             address, prefix = HOST_ADDRESS, stack.enter_context(network_link(case.link_mbit_s))
         endpoint = f"tcp/{address}:{free_port()}"
-        output = stack.enter_context(closing(FrameOutput(config)))
-        extras = ExtraEndpoints(on_session=output.declare, on_pose=output.queue)
-        poses = stack.enter_context(
-            closing(ZenohOutput(ZenohConfig(listen=(endpoint,)), extra_endpoints=extras))
-        )
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        arrivals = stack.enter_context(running_recorder(endpoint, folder / "poses.npz", prefix))
-        readers = [start_reader(stack, prefix, endpoint, topics) for topics in case.readers]
-        send_in_turn(updates, 0, WARM_UP_FRAMES, poses.on_update)
+        output = stack.enter_context(publishing(endpoint))
+        start = partial(running_subscriber, endpoint, prefix=prefix)
+        pose_reader = stack.enter_context(start("kinect/odom"))
+        readers = [stack.enter_context(start(*keys)) for keys in case.readers]
+        send_in_turn(updates, 0, WARM_UP_FRAMES, output.on_update)
         for reader in readers if case.is_stopped else ():
-            reader.send_signal(signal.SIGSTOP)
-        begin_stamp_s, begin_s, cpu_s = time.time(), time.monotonic(), time.process_time()
-        taken_s = send_in_turn(updates, WARM_UP_FRAMES, count // 2, poses.on_update)
-        half_kb = resident_memory_kb(os.getpid())
+            reader.process.send_signal(signal.SIGSTOP)
+        begin_s, cpu_s = time.time() - wall_clock_offset_s(), time.process_time()
+        taken_s = send_in_turn(updates, WARM_UP_FRAMES, count // 2, output.on_update)
+        half_mb = memory_mb(os.getpid(), "VmRSS")
         first = WARM_UP_FRAMES + count // 2
-        send_in_turn(updates, first, count - count // 2, poses.on_update)
-        growth_mb = (resident_memory_kb(os.getpid()) - half_kb) / 1e3
+        send_in_turn(updates, first, count - count // 2, output.on_update)
+        growth_mb = memory_mb(os.getpid(), "VmRSS") - half_mb
         cpu_ms = 1e3 * (time.process_time() - cpu_s) / count
-        end_s = time.monotonic()
         time.sleep(0.5)  # the last frames are on their way
-        lost, reader_ms = [0], [0.0]
-        for reader, topics in zip(readers, case.readers, strict=True):
-            if case.is_stopped:
-                reader.send_signal(signal.SIGCONT)
-                continue
-            received, reader_cpu_s = reader.communicate(f"{begin_stamp_s}\n")[0].split()
-            lost.append(count * len(topics) - int(received))
-            reader_ms.append(1e3 * float(reader_cpu_s) / (count + WARM_UP_FRAMES))
-        received_poses = arrivals.stop().between(begin_s, end_s)
-    latency_ms = 1e3 * (received_poses.receive_time_s - received_poses.stamp_s)
-    p50, p99 = np.percentile(latency_ms, [50, 99])
-    milliseconds = [f"{value:.2f}" for value in (p50, p99, latency_ms.max())]
-    losses = [str(received_poses.lost), "-" if case.is_stopped else str(max(lost))]
-    costs = [
-        f"{1e3 * np.mean(taken_s):.3f}",
-        f"{cpu_ms:.2f}",
-        f"{max(reader_ms):.2f}",
-        f"{growth_mb:.1f}",
-    ]
-    return [*milliseconds, *losses, *costs]
-
-
-def start_reader(
-    stack: ExitStack, prefix: Sequence[str], endpoint: str, topics: Sequence[str]
-) -> "subprocess.Popen[str]":
-    """Start a reader process; wait until it subscribes."""
-    reader = subprocess.Popen(
-        [*prefix, sys.executable, "-c", READER, endpoint, *topics],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
+        running = [] if case.is_stopped else readers
+        images = [reader.end().between(begin_s) for reader in running]
+        poses = pose_reader.end().between(begin_s)
+    lost = [count * len(keys) - len(each) for keys, each in zip(case.readers, images, strict=False)]
+    return (
+        *(*np.percentile(poses.latency_ms, [50, 99]), poses.latency_ms.max(), poses.lost),
+        None if case.is_stopped else max(lost, default=0),
+        *(1e3 * float(np.mean(taken_s)), cpu_ms),
+        max((1e3 * each.cpu_s / (count + WARM_UP_FRAMES) for each in images), default=0.0),
+        growth_mb,
     )
-    stack.callback(reader.wait)
-    stack.callback(reader.kill)
-    assert reader.stdout is not None
-    reader.stdout.readline()
-    return reader
 
 
 MCAP_OPTIONS = (
@@ -300,28 +243,33 @@ def measure_mcap(args: argparse.Namespace) -> None:
     one core at 30 Hz, and the longest time that the camera's thread was held up.
     """
     frames = load_frames(args.recording, SOURCE_FRAMES["mcap"])
+    print(MCAP_TABLE.head)
     with tempfile.TemporaryDirectory() as folder:
-        rows = {
-            name: measure_mcap_file(frames, Path(folder) / f"{name}.mcap", is_raw, args.seconds)
-            for name, is_raw in (("compressed", False), ("raw", True))
-        }
-    headings = ["sent", "read back", "CPU ms", "core %", "longest write ms", "MB"]
-    print(format_table(headings, rows))
+        for name, is_raw in (("compressed", False), ("raw", True)):
+            path = Path(folder) / f"{name}.mcap"
+            cells = measure_mcap_file(frames, path, is_raw, int(args.seconds * RATE_HZ))
+            print(MCAP_TABLE.row(name, *cells), flush=True)
 
 
 def measure_mcap_file(
-    frames: Sequence[RgbdFrame], path: Path, is_raw: bool, seconds: float
-) -> list[str]:
+    frames: Sequence[RgbdFrame], path: Path, is_raw: bool, count: int
+) -> tuple[float, ...]:
     """Record at 30 Hz and read the file again; return the cells of its row."""
-    count, begin_s = int(seconds * RATE_HZ), time.process_time()
+    begin_s = time.process_time()
     with FrameRecorder(McapRecordingFile(path, is_raw=is_raw)) as recorder:
         taken_s = send_in_turn(frames, 0, count, recorder.write)
     cpu_ms = 1e3 * (time.process_time() - begin_s) / count
     read_back = len(open_recording(path).frames.pairs)
-    return [
-        *(f"{count}", f"{read_back}", f"{cpu_ms:.1f}", f"{cpu_ms * RATE_HZ / 10.0:.0f}"),
-        *(f"{1e3 * max(taken_s):.0f}", f"{path.stat().st_size / 1e6:.0f}"),
-    ]
+    size_mb = path.stat().st_size / 1e6
+    return (count, read_back, cpu_ms, cpu_ms * RATE_HZ / 10.0, 1e3 * max(taken_s), size_mb)
+
+
+@dataclass(frozen=True)
+class EncodingCost:
+    """Processor time and size of a frame."""
+
+    cpu_ms: float
+    kilobytes: float
 
 
 @dataclass(frozen=True)
@@ -344,6 +292,11 @@ class McapEncoding:
                 stamps = FrameStamps.from_frame(frame)
                 writer.write_frame(StoredFrame(stamps, stored, frame.depth_raw))
             mcap.close()
+
+    def measure(self, frames: Sequence[RgbdFrame], path: Path) -> EncodingCost:
+        """Write the frames; return the cost of one."""
+        _, cpu_ms = measure_cpu_ms(partial(self.write, frames, path), time.process_time)
+        return EncodingCost(cpu_ms / len(frames), path.stat().st_size / len(frames) / 1e3)
 
 
 MCAP_ENCODINGS = {
@@ -370,21 +323,17 @@ def measure_encodings(args: argparse.Namespace) -> None:
         replace(frame, depth_raw=depth_in_mm(frame), depth_factor=1000.0)
         for frame in load_frames(args.recording, SOURCE_FRAMES["mcap"])
     ]
-    cpu_ms: dict[str, list[float]] = {name: [] for name in MCAP_ENCODINGS}
-    kilobytes: dict[str, float] = {}
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "frames.mcap"
-        for _ in range(args.rounds):
-            for name, encoding in MCAP_ENCODINGS.items():
-                begin_s = time.process_time()
-                encoding.write(frames, path)
-                cpu_ms[name].append(1e3 * (time.process_time() - begin_s) / len(frames))
-                kilobytes[name] = path.stat().st_size / len(frames) / 1e3
-    rows = {
-        name: [f"{np.median(cpu_ms[name]):.1f}", f"{size:.0f}", f"{size * RATE_HZ / 1e3:.1f}"]
-        for name, size in kilobytes.items()
-    }
-    print(format_table(["CPU ms", "kB a frame", "MB/s"], rows))
+        runs = run_in_turn(
+            {name: partial(each.measure, frames, path) for name, each in MCAP_ENCODINGS.items()},
+            args.rounds,
+        )
+    print(ENCODINGS_TABLE.head)
+    for name, measured in runs.items():
+        cost = combine_runs(measured)
+        megabytes_per_s = cost.kilobytes * RATE_HZ / 1e3
+        print(ENCODINGS_TABLE.row(name, cost.cpu_ms, cost.kilobytes, megabytes_per_s))
 
 
 RECORDER_OPTIONS = (
@@ -404,26 +353,25 @@ def measure_recorder(args: argparse.Namespace) -> None:
     frames = list(map(make_noisy_frame, range(8)))
     if args.recording is not None:
         frames = load_frames(args.recording, SOURCE_FRAMES["recorder"])
-    with tempfile.TemporaryDirectory() as state:
-        recorder = FlightRecorder(RecorderConfig(), Path(state), {})
-        try:
-            while not recorder.is_ready:
-                time.sleep(0.1)
-            player = RecorderPlayer(recorder, frames)
-            player.play(6.0)
-            rows = {"remembering": player.play(args.seconds)}
-            recorder.start_recording("trial")
-            rows["recording"] = player.play(args.seconds)
-            recorder.stop_recording()
-            begin_s = time.time()
-            folder = Path(_save_incident(recorder))
-            rows["with an incident"] = player.play(args.seconds)
-            incident_s = folder.stat().st_ctime - begin_s
-            size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
-        finally:
-            recorder.close()
-    headings = ("service ms", "worker ms", "missed", "MB service", "MB worker", "MB ring")
-    print(f"per frame\n{format_table(headings, rows)}")
+    with (
+        tempfile.TemporaryDirectory() as state,
+        closing(FlightRecorder(RecorderConfig(), Path(state), {})) as recorder,
+    ):
+        wait_until(lambda: recorder.is_ready)
+        player = RecorderPlayer(recorder, frames)
+        player.play(6.0)
+        rows = {"remembering": player.play(args.seconds)}
+        recorder.start_recording("trial")
+        rows["recording"] = player.play(args.seconds)
+        recorder.stop_recording()
+        begin_s = time.time()
+        folder = Path(_save_incident(recorder))
+        rows["with an incident"] = player.play(args.seconds)
+        incident_s = folder.stat().st_ctime - begin_s
+        size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+    print(f"per frame\n{RECORDER_TABLE.head}")
+    for name, cells in rows.items():
+        print(RECORDER_TABLE.row(name, *cells))
     print(f"an incident took {incident_s:.1f} s and {size / 1e6:.0f} MB of disk")
 
 
@@ -435,24 +383,22 @@ class RecorderPlayer:
         (worker,) = child_pids_of(os.getpid())
         self._processes = (os.getpid(), worker)
 
-    def play(self, seconds: float) -> list[str]:
+    def play(self, seconds: float) -> tuple[float, ...]:
         """Measure a phase; return the cells of its row."""
         count, missed = int(seconds * RATE_HZ), self._recorder.dropped
-        before = measure_processor_use(*self._processes)
-        send_in_turn(
-            self._frames,
-            self._sent,
-            count,
-            lambda frame: self._recorder.on_update(make_update(frame)),
-        )
+        meter = LoadMeter(os.getpid())
+        send_in_turn(self._frames, self._sent, count, self._send)
         self._sent += count
-        used = measure_processor_use(*self._processes).since(before)
-        return [
-            *(f"{1e3 * used.by_process[each] / count:.2f}" for each in self._processes),
-            f"{self._recorder.dropped - missed}",
-            *(f"{_private_memory_mb(each):.0f}" for each in self._processes),
-            f"{_memory_mb(os.getpid(), 'RssShmem'):.0f}",
-        ]
+        load = meter.read()
+        return (
+            *(load.per_frame_ms(count, each) for each in self._processes),
+            self._recorder.dropped - missed,
+            *(memory_mb(each, "RssAnon", "RssFile") for each in self._processes),
+            memory_mb(os.getpid(), "RssShmem"),
+        )
+
+    def _send(self, frame: RgbdFrame) -> None:
+        self._recorder.on_update(make_update(frame))
 
 
 def make_noisy_frame(seq: int) -> RgbdFrame:
@@ -473,17 +419,6 @@ def _save_incident(recorder: FlightRecorder) -> str:
             return recorder.save("benchmark")
         except CommandError:
             time.sleep(0.1)
-
-
-def _private_memory_mb(process: int) -> float:
-    """Resident memory of a process, without shared memory."""
-    return _memory_mb(process, "RssAnon") + _memory_mb(process, "RssFile")
-
-
-def _memory_mb(process: int, kind: str) -> float:
-    match = re.search(rf"{kind}:\s+(\d+) kB", Path(f"/proc/{process}/status").read_text())
-    assert match is not None
-    return int(match[1]) / 1e3
 
 
 VARIANTS: Variants = {

@@ -9,26 +9,27 @@ Each FOLDER is a TUM folder. Times are those of the processor.
 import argparse
 import os
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 from pathlib import Path
-from statistics import median
 from typing import Any
 
-import numpy as np
-
 from benchmarks.control_groups import ControlGroup, limit_processes
-from benchmarks.harness import FOLDERS, Table, Variants, option, to_mm
-from benchmarks.service_load import (
-    descendants_of,
-    measure_processor_use,
-    prerender_room,
-    proportional_mb,
+from benchmarks.harness import (
+    FOLDERS,
+    Table,
+    Variants,
+    combine_runs,
+    option,
+    run_in_turn,
+    to_mm,
 )
+from benchmarks.processes import LoadMeter, descendants_of, proportional_mb
+from benchmarks.rendered_sequences import prerender_room
 from benchmarks.tracking import Accuracy, evaluate_accuracy, open_frames_with_truth, track
 from drivers.synthetic.config import SyntheticConfig
 from tests.vo_service.service_process import (
@@ -61,15 +62,6 @@ BOARD_CASES = {
 MIN_POSES_PER_S = 29.5
 
 
-@dataclass(frozen=True)
-class ProfileRun:
-    """One run over a recording; times in milliseconds per frame."""
-
-    accuracy: Accuracy
-    median_ms: float
-    mean_ms: float
-
-
 RECORDINGS_OPTIONS = (
     FOLDERS,
     option("--starts", type=int, default=3, metavar="N", help="runs of each (default: 3)"),
@@ -90,30 +82,21 @@ def measure_recordings(args: argparse.Namespace) -> None:
             print(format_runs(f"{folder.name}: {profile}", runs), flush=True)
 
 
-def run_profile(folder: Path, profile: str, first: int) -> ProfileRun:
+def run_profile(folder: Path, profile: str, first: int) -> Accuracy:
     """Track a recording from frame `first` on."""
     with open_frames_with_truth(folder) as (frames, truth):
         config = MethodConfig(profile=profile)
         tracked = track(DEFAULT_METHOD, islice(frames, first, None), config=config)
-    accuracy = evaluate_accuracy(tracked, truth)
-    cpu_ms = tracked.cpu_ms
-    return ProfileRun(accuracy, float(np.median(cpu_ms)), float(np.mean(cpu_ms)))
+    return evaluate_accuracy(tracked, truth)
 
 
-def format_runs(name: str, runs: Sequence[ProfileRun]) -> str:
+def format_runs(name: str, runs: Sequence[Accuracy]) -> str:
     """Format the medians of runs as a row."""
-    accuracies = [run.accuracy for run in runs]
-    ate_m = [each.ate_m for each in accuracies if each.ate_m is not None]
-    rpe_m = [each.rpe_1s_m for each in accuracies if each.rpe_1s_m is not None]
+    each = combine_runs(runs, frames=max)
     return RECORDINGS_TABLE.row(
         name,
-        accuracies[0].frames,
-        median(each.failed for each in accuracies),
-        median(each.resets for each in accuracies),
-        to_mm(median(ate_m) if ate_m else None),
-        to_mm(median(rpe_m) if rpe_m else None),
-        median(run.median_ms for run in runs),
-        median(run.mean_ms for run in runs),
+        *(each.frames, each.failed, each.resets, to_mm(each.ate_m), to_mm(each.rpe_1s_m)),
+        *(each.median_ms, each.cpu_ms),
     )
 
 
@@ -158,12 +141,13 @@ def measure_board(args: argparse.Namespace) -> int:
     small profile without a map misses a frame or is below 29.5 poses per second.
     """
     prerender_room(SyntheticConfig.fast())
-    runs: dict[str, list[BoardRun]] = {case: [] for case in BOARD_CASES}
-    for number in range(args.rounds):
-        for case in BOARD_CASES:
-            print(f"round {number + 1} of {args.rounds}: {case}", file=sys.stderr, flush=True)
-            runs[case].append(run_board(case, args.percent, args.memory_mb, args.seconds))
-    results = {case: combine_runs(each) for case, each in runs.items()}
+    limits = (args.percent, args.memory_mb, args.seconds)
+    runs = run_in_turn(
+        {case: partial(run_board, case, *limits) for case in BOARD_CASES}, args.rounds
+    )
+    results = {
+        case: combine_runs(each, dropped=sum, steal_percent=max) for case, each in runs.items()
+    }
     print(BOARD_TABLE.head)
     for case, result in results.items():
         print(BOARD_TABLE.row(case, *vars(result).values()))
@@ -207,34 +191,18 @@ def _popen_in(group: ControlGroup) -> "type[subprocess.Popen[bytes]]":
 
 def _measure_board(service: ServiceProcess, group: ControlGroup, seconds: float) -> BoardRun:
     main = service.process.pid
-    workers = descendants_of(main)
-    before, used_before = service.received.statuses[-1], measure_processor_use(main, *workers)
-    begin_s, throttled_s = time.monotonic(), group.throttled_s
+    before, meter, throttled_s = service.received.statuses[-1], LoadMeter(main), group.throttled_s
     time.sleep(seconds)
-    used = measure_processor_use(main, *workers).since(used_before)
-    after, elapsed_s = service.received.statuses[-1], time.monotonic() - begin_s
+    load, after = meter.read(), service.received.statuses[-1]
     frames = after.content["tracking"]["frames"] - before.content["tracking"]["frames"]
     return BoardRun(
         poses_per_s=frames / (after.receive_time_s - before.receive_time_s),
         dropped=after.content["camera"]["dropped"] - before.content["camera"]["dropped"],
-        service_percent=100.0 * used.by_process[main] / elapsed_s,
-        workers_percent=100.0 * sum(used.by_process[each] for each in workers) / elapsed_s,
+        service_percent=load.percent(main),
+        workers_percent=load.percent_without(main),
         memory_mb=sum(map(proportional_mb, [main, *descendants_of(main)])),
         throttled_s=group.throttled_s - throttled_s,
-        steal_percent=used.steal_percent,
-    )
-
-
-def combine_runs(runs: Sequence[BoardRun]) -> BoardRun:
-    """Combine runs: medians, the sum of the dropped frames, and the worst steal."""
-    return BoardRun(
-        poses_per_s=median(each.poses_per_s for each in runs),
-        dropped=sum(each.dropped for each in runs),
-        service_percent=median(each.service_percent for each in runs),
-        workers_percent=median(each.workers_percent for each in runs),
-        memory_mb=median(each.memory_mb for each in runs),
-        throttled_s=median(each.throttled_s for each in runs),
-        steal_percent=max(each.steal_percent for each in runs),
+        steal_percent=load.steal_percent,
     )
 
 

@@ -12,25 +12,26 @@ absolute times depend on what else runs on the machine.
 import argparse
 import json
 import os
-import subprocess
 import time
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.harness import RECORDING, format_table, option
-from benchmarks.outputs import RATE_HZ, WARM_UP_FRAMES, load_frames, send_in_turn
-from benchmarks.service_load import make_update, measure_processor_use, proportional_mb
+from benchmarks.frame_sender import (
+    RATE_HZ,
+    WARM_UP_FRAMES,
+    load_frames,
+    make_update,
+    send_in_turn,
+)
+from benchmarks.harness import RECORDING, Table, option
+from benchmarks.outputs import publishing
+from benchmarks.piped_process import running_process
+from benchmarks.processes import LoadMeter, proportional_mb
 from drivers.core import InputError
-from drivers.core.geometry import T_BODY_CAMERA
 from tests.ports import free_port
-from vo_service.config_tables import FramesConfig, ZenohConfig
-from vo_service.outputs.frames.output import FrameOutput, FrameOutputConfig
-from vo_service.outputs.zenoh.output import ZenohOutput
-from vo_service.outputs.zenoh.session_endpoints import ExtraEndpoints
 from vo_service.types.odometry_update import OdometryUpdate
 
 ROOT = Path(__file__).parents[1]
@@ -39,6 +40,9 @@ OPTIONS = (
     RECORDING,
     option("--seconds", type=float, default=60.0, help="length of a case"),
     option("--python", type=Path, default=DEFAULT_PYTHON, help="a Python that has rclpy"),
+)
+TABLE = Table(
+    *(54, "p50 ms:8.2f", "p99 ms:8.2f", "max ms:8.2f", "lost:14", "node %:8.1f", "node MB:9.0f")
 )
 SOURCE_FRAMES = 40
 # Not that of any robot of the user.
@@ -95,17 +99,15 @@ def main(args: argparse.Namespace) -> None:
     if not args.python.exists():
         raise InputError(f"{args.python}: no such file; run scripts/setup_ros2.sh")
     updates = list(map(make_update, load_frames(args.recording, SOURCE_FRAMES)))
-    rows = {
-        f"{name}: {topic}": cells
-        for name, case in CASES.items()
-        for topic, cells in measure_case(case, updates, args).items()
-    }
-    print(format_table(("p50 ms", "p99 ms", "max ms", "lost", "node %", "node MB"), rows))
+    print(TABLE.head)
+    for name, case in CASES.items():
+        for topic, cells in measure_case(case, updates, args).items():
+            print(TABLE.row(f"{name}: {topic}", *cells), flush=True)
 
 
 def measure_case(
     case: Case, updates: Sequence[OdometryUpdate], args: argparse.Namespace
-) -> dict[str, list[str]]:
+) -> dict[str, list[float | str | None]]:
     """Run one case; return the cells of a row for each topic, or of one row without a reader."""
     count, endpoint = int(args.seconds * RATE_HZ), f"tcp/127.0.0.1:{free_port()}"
     environment = {
@@ -114,54 +116,32 @@ def measure_case(
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
         "PYTHONPATH": str(ROOT / "ros2"),
     }
-    with ExitStack() as stack:
-        frames = FrameOutput(FrameOutputConfig("kinect", FramesConfig(), T_BODY_CAMERA))
-        stack.enter_context(closing(frames))
-        extras = ExtraEndpoints(on_session=frames.declare, on_pose=frames.queue)
-        poses = ZenohOutput(ZenohConfig(listen=(endpoint,)), extra_endpoints=extras)
-        stack.enter_context(closing(poses))
-        node = subprocess.Popen(
-            [args.python, "-m", "kinect_vo_ros2", "--ros-args", "-p", f"connect:={endpoint}"],
-            env=environment,
-        )
-        stack.callback(node.wait)
-        stack.callback(node.terminate)
-        reader = start_reader(stack, args.python, case, environment)
+    arguments = ("-m", "kinect_vo_ros2", "--ros-args", "-p", f"connect:={endpoint}")
+    topics = json.dumps(case.topics)
+    with (
+        publishing(endpoint) as poses,
+        running_process(args.python, *arguments, environment=environment) as node,
+        running_process(
+            *(args.python, "-c", READER, topics, case.reliability), environment=environment
+        ) as reader,
+    ):
+        reader.wait_until_ready()
         time.sleep(DISCOVERY_S)
         send_in_turn(updates, 0, WARM_UP_FRAMES, poses.on_update)
-        begin_s, cpu = time.time(), measure_processor_use(node.pid)
+        begin_s, meter = time.time(), LoadMeter(node.pid)
         send_in_turn(updates, WARM_UP_FRAMES, count, poses.on_update)
-        spent = measure_processor_use(node.pid).since(cpu).by_process[node.pid]
+        cost = [meter.read().percent(), proportional_mb(node.pid)]
         end_s = time.time()
         time.sleep(0.5)  # the last messages are on their way
-        received: Mapping[str, Sequence[tuple[float, float]]] = json.loads(
-            reader.communicate("end\n")[0]
-        )
-        cost = [f"{100.0 * spent / (end_s - begin_s):.1f}", f"{proportional_mb(node.pid):.0f}"]
+        received: Mapping[str, Sequence[tuple[float, float]]] = reader.end()
+        node.terminate()
+        node.wait()
     if not case.topics:
-        return {"-": ["-", "-", "-", "-", *cost]}
+        return {"-": [None, None, None, None, *cost]}
     return {
         topic: [*describe(np.array(times), begin_s, end_s, count), *cost]
         for topic, times in received.items()
     }
-
-
-def start_reader(
-    stack: ExitStack, python: Path, case: Case, environment: Mapping[str, str]
-) -> "subprocess.Popen[str]":
-    """Start a process that reads the topics; wait until it subscribes."""
-    reader = subprocess.Popen(
-        [python, "-c", READER, json.dumps(case.topics), case.reliability],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        env=environment,
-        text=True,
-    )
-    stack.callback(reader.wait)
-    stack.callback(reader.kill)
-    assert reader.stdout is not None
-    reader.stdout.readline()
-    return reader
 
 
 def describe(
@@ -169,7 +149,7 @@ def describe(
     begin_s: float,
     end_s: float,
     count: int,
-) -> list[str]:
+) -> list[float | str]:
     """Return latencies and losses of one topic.
 
     Args:
@@ -180,6 +160,5 @@ def describe(
     """
     inside = times_s[(times_s[:, 0] >= begin_s) & (times_s[:, 0] < end_s)]
     latency_ms = 1e3 * (inside[:, 1] - inside[:, 0])
-    p50, p99 = np.percentile(latency_ms, [50, 99])
-    milliseconds = [f"{value:.2f}" for value in (p50, p99, latency_ms.max())]
-    return [*milliseconds, f"{count - len(inside)} of {count}"]
+    lost = f"{count - len(inside)} of {count}"
+    return [*np.percentile(latency_ms, [50, 99]), latency_ms.max(), lost]

@@ -10,7 +10,6 @@ in milliseconds.
 """
 
 import argparse
-import sys
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -239,10 +238,8 @@ def measure_learned(args: argparse.Namespace) -> None:
         f"{seed}-{args.seconds:g}s": make_random_sensor(seed, args.seconds) for seed in args.seeds
     }
     warm_up(METHOD, lambda stage: None)
-    missing = {
-        args.folder / name: sensor.config for name, sensor in sensors.items() if name not in cache
-    }
-    render_all(missing, lambda line: print(line, file=sys.stderr, flush=True), args.processes)
+    missing = {name: each.config for name, each in sensors.items() if name not in cache}
+    render_all(args.folder, missing, args.processes)
     print(LEARNED_TABLE.head, flush=True)
     results = []
     for name, sensor in sensors.items():
@@ -431,12 +428,11 @@ def measure_calibrated(args: argparse.Namespace) -> None:
     are not rendered again. Their stamps say that depth was taken with color, so the whole depth
     offset must be estimated.
     """
-    args.output.mkdir(parents=True, exist_ok=True)
-    sequences = {args.output / name: CASES[name].config(args.tracks) for name in args.only}
-    render_all(sequences, lambda line: print(line, file=sys.stderr), args.processes)
+    configs = {name: CASES[name].config(args.tracks) for name in args.only}
+    folders = render_all(args.output, configs, args.processes)
     print(CALIBRATED_TABLE.head)
-    for name in args.only:
-        print(_calibrated_row(name, CASES[name], args.output / name), flush=True)
+    for name, folder in folders.items():
+        print(_calibrated_row(name, CASES[name], folder), flush=True)
 
 
 def _calibrated_row(name: str, case: TimingCase, folder: Path) -> str:

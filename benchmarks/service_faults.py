@@ -14,7 +14,6 @@ import json
 import signal
 import socket
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Sequence
@@ -24,8 +23,9 @@ from pathlib import Path
 from statistics import mean
 
 from benchmarks.control_groups import limit_processes
-from benchmarks.harness import Table, Variants, option
-from benchmarks.service_load import descendants_of, measure_processor_use, prerender_room
+from benchmarks.harness import Table, Variants, combine_runs, option, run_in_turn
+from benchmarks.processes import LoadMeter, descendants_of
+from benchmarks.rendered_sequences import prerender_room
 from drivers.core import UserFacingError
 from drivers.synthetic.config import SyntheticConfig
 from tests.ports import free_port
@@ -62,9 +62,7 @@ SLOW_TABLE = Table(8, "adapt:6", "poses/s:9.1f", "dropped:9.0f", "steal %:9.1f")
 
 def slowest_round(rounds: Sequence[FaultTiming]) -> FaultTiming:
     """Return the slowest report and the slowest recovery."""
-    return FaultTiming(
-        max(each.report_s for each in rounds), max(each.recovery_s for each in rounds)
-    )
+    return combine_runs(rounds, report_s=max, recovery_s=max)
 
 
 def measure_camera_faults(args: argparse.Namespace) -> int:
@@ -81,14 +79,13 @@ def measure_camera_faults(args: argparse.Namespace) -> int:
             kinect.unplug()
             with running_service(folder, kinect.environment) as service:
                 plug_in = measure_plug_in(kinect, service)
-                results = [
-                    report_camera("no Kinect at start", plug_in, MAX_REPORT_S, MAX_RECOVERY_S)
-                ]
+                limits_s = (MAX_REPORT_S, MAX_RECOVERY_S)
+                results = [report_fault("no Kinect at start", plug_in, limits_s)]
                 for fault in SENSOR_FAULTS:
                     pauses = [partial(time.sleep, last_s) for last_s in DURATIONS_S]
                     rounds = [run_fault(fault, kinect, service, pause) for pause in pauses]
                     limits_s = (fault.max_report_s, fault.max_recovery_s)
-                    results.append(report_camera(fault.name, slowest_round(rounds), *limits_s))
+                    results.append(report_fault(fault.name, slowest_round(rounds), limits_s))
                 if service.stop() != 0:
                     raise UserFacingError(f"the service did not exit cleanly: {service.log}")
     return 0 if all(results) else 1
@@ -104,20 +101,17 @@ def measure_plug_in(kinect: KinectSimulator, service: ServiceProcess) -> FaultTi
     return FaultTiming(reported_s - begin_s, service.wait_until_streaming(end_s) - end_s)
 
 
-def report_camera(
-    name: str, timing: FaultTiming, max_report_s: float, max_recovery_s: float
+def report_fault(
+    name: str, timing: FaultTiming, limits_s: tuple[float, float] | None = None
 ) -> bool:
-    """Print a line; return whether it is within the limits.
-
-    Args:
-        name: Name of the fault.
-        timing: Measured times.
-        max_report_s: Limit of the time until the report, s.
-        max_recovery_s: Limit of the time until the recovery, s.
-    """
-    is_good = timing.report_s <= max_report_s and timing.recovery_s <= max_recovery_s
-    times = (timing.report_s, max_report_s, timing.recovery_s, max_recovery_s)
-    print(f"{FAULT_TABLE.row(name, *times)}  {'pass' if is_good else 'FAIL'}", flush=True)
+    """Print a line; return whether both times are within their limits, if there are any."""
+    max_report_s, max_recovery_s = limits_s or (None, None)
+    line = FAULT_TABLE.row(name, timing.report_s, max_report_s, timing.recovery_s, max_recovery_s)
+    if limits_s is None:
+        print(line, flush=True)
+        return True
+    is_good = timing.report_s <= limits_s[0] and timing.recovery_s <= limits_s[1]
+    print(f"{line}  {'pass' if is_good else 'FAIL'}", flush=True)
     return is_good
 
 
@@ -140,11 +134,11 @@ def measure_environment_faults(args: argparse.Namespace) -> None:
         folder = Path(name)
         measure_live_faults(folder, args.rounds)
         with service_runner(folder / "own", folder / "sequences") as runner:
-            name = "killed, until its first pose"
-            report_environment(name, [measure_restart(runner) for _ in range(args.rounds)])
+            kills = [measure_restart(runner) for _ in range(args.rounds)]
+            report_fault("killed, until its first pose", slowest_round(kills))
             runner.service.stop()
-            name = "port taken"
-            report_environment(name, [measure_port_in_use(runner) for _ in range(args.rounds)])
+            in_use = [measure_port_in_use(runner) for _ in range(args.rounds)]
+            report_fault("port taken", slowest_round(in_use))
 
 
 def measure_live_faults(folder: Path, rounds: int) -> None:
@@ -158,9 +152,8 @@ def measure_live_faults(folder: Path, rounds: int) -> None:
         runner.start().wait_until_streaming(time.monotonic(), START_TIMEOUT_S)
         for fault in ENVIRONMENT_FAULTS:
             environment = ServiceEnvironment(runner, router)
-            report_environment(
-                fault.name, [run_environment_fault(fault, environment) for _ in range(rounds)]
-            )
+            timings = [run_environment_fault(fault, environment) for _ in range(rounds)]
+            report_fault(fault.name, slowest_round(timings))
         runner.service.stop()
         runner.check()
 
@@ -193,20 +186,14 @@ def measure_port_in_use(runner: ServiceRunner) -> FaultTiming:
     return FaultTiming(report_s, first_pose_s - free_s)
 
 
-def report_environment(name: str, timings: Sequence[FaultTiming]) -> None:
-    """Print the slowest times."""
-    slowest = slowest_round(timings)
-    print(FAULT_TABLE.row(name, slowest.report_s, None, slowest.recovery_s, None), flush=True)
-
-
 @dataclass(frozen=True)
 class SlowMachineResult:
     """One run under a limit."""
 
     poses_per_s: float
-    dropped: int
-    degradations: str
+    dropped: float
     steal_percent: float
+    shed: str
 
 
 SLOW_OPTIONS = (
@@ -226,18 +213,29 @@ def measure_slow_machine(args: argparse.Namespace) -> int:
     dropped more frames in any case.
     """
     prerender_room(SyntheticConfig.fast())
-    percents = args.percent or PERCENTS
-    runs: dict[tuple[float, bool], list[SlowMachineResult]] = {}
-    for number in range(args.rounds):
-        for percent in percents:
-            for adapts in (True, False):
-                print(
-                    f"round {number + 1}: {percent:.0f} %, {adapts=}", file=sys.stderr, flush=True
-                )
-                runs.setdefault((percent, adapts), []).append(
-                    run_limited(percent, adapts, args.seconds)
-                )
-    return report_slow_machine(runs)
+    cases = {
+        (percent, adapts): partial(run_limited, percent, adapts, args.seconds)
+        for percent in args.percent or PERCENTS
+        for adapts in (True, False)
+    }
+    runs = run_in_turn(cases, args.rounds)
+    print(f"{SLOW_TABLE.head}  shed")
+    dropped = {}
+    for (percent, adapts), each in runs.items():
+        combined = combine_runs(
+            each, poses_per_s=mean, dropped=mean, steal_percent=max, shed=lambda texts: texts[-1]
+        )
+        dropped[percent, adapts] = combined.dropped
+        cells = ("yes" if adapts else "no", *vars(combined).values())
+        row = SLOW_TABLE.row(f"{percent:.0f} %", *cells[:-1])
+        print(f"{row}  {combined.shed or '-'}")
+    worse = [
+        f"{percent:.0f} %"
+        for percent, adapts in runs
+        if adapts and dropped[percent, True] > dropped[percent, False]
+    ]
+    print(f"adapting dropped more: {', '.join(worse) or 'never'}")
+    return 1 if worse else 0
 
 
 def run_limited(percent: float, adapts: bool, seconds: float) -> SlowMachineResult:
@@ -257,43 +255,16 @@ def run_limited(percent: float, adapts: bool, seconds: float) -> SlowMachineResu
             service.wait_until_streaming(time.monotonic())
             time.sleep(WARM_UP_S)
             group.add([service.process.pid, *descendants_of(service.process.pid)])
-            return measure_limited(service, seconds)
-
-
-def measure_limited(service: ServiceProcess, seconds: float) -> SlowMachineResult:
-    """Measure for `seconds` from now on."""
-    before, machine = service.status, measure_processor_use()
-    time.sleep(seconds)
-    after = service.status
+            before, meter = service.status, LoadMeter()
+            time.sleep(seconds)
+            after = service.status
     warnings = [clause for clause in after["warnings"] if VIEWER_PAUSED_TEXT in clause]
     return SlowMachineResult(
         poses_per_s=(after["tracking"]["frames"] - before["tracking"]["frames"]) / seconds,
         dropped=after["camera"]["dropped"] - before["camera"]["dropped"],
-        degradations="; ".join(warnings),
-        steal_percent=measure_processor_use().since(machine).steal_percent,
+        steal_percent=meter.read().steal_percent,
+        shed="; ".join(warnings),
     )
-
-
-def report_slow_machine(runs: dict[tuple[float, bool], list[SlowMachineResult]]) -> int:
-    """Print the table; return 1 if adapting did not help."""
-    print(f"{SLOW_TABLE.head}  shed")
-    for (percent, adapts), outcomes in runs.items():
-        row = SLOW_TABLE.row(
-            f"{percent:.0f} %",
-            "yes" if adapts else "no",
-            mean(each.poses_per_s for each in outcomes),
-            mean(each.dropped for each in outcomes),
-            max(each.steal_percent for each in outcomes),
-        )
-        print(f"{row}  {outcomes[-1].degradations or '-'}")
-    dropped = {case: sum(each.dropped for each in outcomes) for case, outcomes in runs.items()}
-    worse = [
-        f"{percent:.0f} %"
-        for percent, adapts in runs
-        if adapts and dropped[percent, True] > dropped[percent, False]
-    ]
-    print(f"adapting dropped more: {', '.join(worse) or 'never'}")
-    return 1 if worse else 0
 
 
 VARIANTS: Variants = {

@@ -10,27 +10,20 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from statistics import median
 
 import numpy as np
 
-from benchmarks.harness import Table, Variants, format_table, option
-from benchmarks.outputs import start_reader
-from benchmarks.service_load import (
-    ArrivalRecorder,
-    ProcessorUse,
-    descendants_of,
-    measure_processor_use,
-    prerender_room,
-    running_recorder,
-)
+from benchmarks.harness import Table, Variants, combine_runs, option, run_in_turn
+from benchmarks.processes import LoadMeter
+from benchmarks.rendered_sequences import prerender_room
+from benchmarks.subscriber import Subscriber, running_subscriber
 from drivers.synthetic.config import MotionKind, SyntheticConfig
 from drivers.synthetic.motions import ROBOT_CAMERA_HEIGHT_M
 from tests.ports import free_port
@@ -59,81 +52,60 @@ class InterferenceSetup:
     Attributes:
         more_config: Tables of its configuration.
         actions: By fraction.
-        topics: Topics that a process reads all the time.
+        keys: Keys that a process reads all the time.
     """
 
     more_config: str
     actions: tuple[tuple[float, Action], ...] = ()
-    topics: tuple[str, ...] = ()
+    keys: tuple[str, ...] = ()
 
 
 @contextmanager
 def record_to_viewer_file(folder: Path) -> Iterator[InterferenceSetup]:
     """No disturbance; the viewer records into a file."""
-    yield InterferenceSetup(_viewers(_recording(folder)))
+    yield InterferenceSetup(_viewers(folder))
 
 
 @contextmanager
-def freeze_viewer_process(folder: Path) -> Iterator[InterferenceSetup]:
-    """Stop the service's viewer process by SIGSTOP."""
-    yield InterferenceSetup(
-        _viewers(_recording(folder)), ((0.0, _make_viewer_signal_action(signal.SIGSTOP)),)
-    )
+def signal_viewer_process(
+    folder: Path, number: signal.Signals, fraction: float
+) -> Iterator[InterferenceSetup]:
+    """Stop or kill the service's viewer process."""
+
+    def send(service: ServiceProcess) -> None:
+        function = "vo_service.outputs.rerun.worker:run_viewer"
+        os.kill(find_child_running(service.process.pid, function), number)
+
+    yield InterferenceSetup(_viewers(folder), ((fraction, send),))
 
 
 @contextmanager
-def kill_viewer_process(folder: Path) -> Iterator[InterferenceSetup]:
-    """Kill the service's viewer process."""
-    yield InterferenceSetup(
-        _viewers(_recording(folder)), ((0.3, _make_viewer_signal_action(signal.SIGKILL)),)
-    )
-
-
-@contextmanager
-def freeze_viewer(folder: Path) -> Iterator[InterferenceSetup]:
-    """Stop the Rerun viewer to which the service is connected."""
+def signal_viewer(
+    folder: Path, number: signal.Signals, fraction: float
+) -> Iterator[InterferenceSetup]:
+    """Stop or kill the Rerun viewer to which the service is connected."""
     with _rerun_server() as (server, port):
-        stop = _make_signal_action(server, signal.SIGSTOP)
-        yield InterferenceSetup(
-            _viewers(_recording(folder), f"connect:127.0.0.1:{port}"), ((0.0, stop),)
-        )
-
-
-@contextmanager
-def kill_viewer(folder: Path) -> Iterator[InterferenceSetup]:
-    """Kill the Rerun viewer to which the service is connected."""
-    with _rerun_server() as (server, port):
-        kill = _make_signal_action(server, signal.SIGKILL)
-        yield InterferenceSetup(
-            _viewers(_recording(folder), f"connect:127.0.0.1:{port}"), ((0.3, kill),)
-        )
+        action = fraction, lambda service: server.send_signal(number)
+        yield InterferenceSetup(_viewers(folder, f"connect:127.0.0.1:{port}"), (action,))
 
 
 @contextmanager
 def missing_viewer(folder: Path) -> Iterator[InterferenceSetup]:
     """There is no viewer at the service's target."""
-    yield InterferenceSetup(_viewers(_recording(folder), f"connect:127.0.0.1:{free_port()}"))
+    yield InterferenceSetup(_viewers(folder, f"connect:127.0.0.1:{free_port()}"))
 
 
 @contextmanager
 def freeze_subscriber(folder: Path) -> Iterator[InterferenceSetup]:
     """Stop a second subscriber beside the measuring one."""
-    frozen: list[int] = []
-    contexts = []
+    with ExitStack() as stack:
 
-    def freeze(service: ServiceProcess) -> None:
-        context = running_recorder(f"tcp/127.0.0.1:{service.port}", folder / "frozen.npz")
-        listener = context.__enter__()
-        contexts.append(context)
-        time.sleep(0.5)
-        os.kill(listener.process.pid, signal.SIGSTOP)
-        frozen.append(listener.process.pid)
+        def freeze(service: ServiceProcess) -> None:
+            frozen = stack.enter_context(running_subscriber(_endpoint(service), "kinect/odom"))
+            time.sleep(0.5)
+            frozen.process.send_signal(signal.SIGSTOP)
 
-    try:
-        yield InterferenceSetup(_viewers(_recording(folder)), ((0.0, freeze),))
-    finally:
-        for context in contexts:
-            context.__exit__(None, None, None)
+        yield InterferenceSetup(_viewers(folder), ((0.0, freeze),))
 
 
 @contextmanager
@@ -141,35 +113,32 @@ def restart_router(folder: Path) -> Iterator[InterferenceSetup]:
     """Kill and restart a router to which the service is connected."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with running_router(endpoint) as router:
-        config = f"connect = {json.dumps([endpoint])}\n{_viewers(_recording(folder))}"
-        acts: tuple[tuple[float, Action], ...] = (
-            (0.3, lambda service: router.kill()),
-            (0.6, lambda service: router.start()),
-        )
-        yield InterferenceSetup(config, acts)
+        config = f"connect = {json.dumps([endpoint])}\n{_viewers(folder)}"
+        kill, start = (0.3, lambda service: router.kill()), (0.6, lambda service: router.start())
+        yield InterferenceSetup(config, (kill, start))
 
 
 @contextmanager
 def save_maps(folder: Path) -> Iterator[InterferenceSetup]:
     """Save a fine map four times: the mapper is busy most of the time."""
-    config = f"{_viewers(_recording(folder))}[map]\nvoxel_m = 0.01\n"
+    config = f"{_viewers(folder)}[map]\nvoxel_m = 0.01\n"
     yield InterferenceSetup(config, tuple((share, _save_map) for share in (0.0, 0.25, 0.5, 0.75)))
 
 
 @contextmanager
 def disable_loop_closure(folder: Path) -> Iterator[InterferenceSetup]:
     """No disturbance and no loop closure: the other cases show its cost."""
-    yield InterferenceSetup(f"{_viewers(_recording(folder))}[map]\nloop_closure = false\n")
+    yield InterferenceSetup(f"{_viewers(folder)}[map]\nloop_closure = false\n")
 
 
 # A case prepares the environment of the service, with a folder for its files.
 InterferenceCase = Callable[[Path], AbstractContextManager[InterferenceSetup]]
 CASES: Mapping[str, InterferenceCase] = {
     "viewer recording": record_to_viewer_file,
-    "viewer's process frozen": freeze_viewer_process,
-    "viewer's process killed": kill_viewer_process,
-    "viewer frozen": freeze_viewer,
-    "viewer killed": kill_viewer,
+    "viewer's process frozen": partial(signal_viewer_process, number=signal.SIGSTOP, fraction=0.0),
+    "viewer's process killed": partial(signal_viewer_process, number=signal.SIGKILL, fraction=0.3),
+    "viewer frozen": partial(signal_viewer, number=signal.SIGSTOP, fraction=0.0),
+    "viewer killed": partial(signal_viewer, number=signal.SIGKILL, fraction=0.3),
     "viewer never started": missing_viewer,
     "subscriber frozen": freeze_subscriber,
     "router killed and back": restart_router,
@@ -178,33 +147,20 @@ CASES: Mapping[str, InterferenceCase] = {
 }
 
 
-def _recording(folder: Path) -> str:
-    return str(folder / "viewer.rrd")
+def _viewers(folder: Path, *targets: str) -> str:
+    """Configuration of a viewer that records into a file, and of others."""
+    return f"[rerun]\ntargets = {json.dumps([f'{folder}/viewer.rrd', *targets])}\n"
 
 
-def _viewers(*targets: str) -> str:
-    return f"[rerun]\ntargets = {json.dumps(targets)}\n"
-
-
-def _make_viewer_signal_action(number: signal.Signals) -> Action:
-    def send(service: ServiceProcess) -> None:
-        os.kill(
-            find_child_running(service.process.pid, "vo_service.outputs.rerun.worker:run_viewer"),
-            number,
-        )
-
-    return send
+def _endpoint(service: ServiceProcess) -> str:
+    return f"tcp/127.0.0.1:{service.port}"
 
 
 def _save_map(service: ServiceProcess) -> None:
-    with PoseClient(connect=f"tcp/127.0.0.1:{service.port}") as client:
+    with PoseClient(connect=_endpoint(service)) as client:
         client.wait_for_publisher(5.0)
         with suppress(CommandRefused):  # the previous save is not finished
             client.send(SaveMapCommand(f"map-{time.monotonic_ns()}"))
-
-
-def _make_signal_action(process: "subprocess.Popen[bytes]", number: signal.Signals) -> Action:
-    return lambda service: process.send_signal(number)
 
 
 @contextmanager
@@ -235,7 +191,7 @@ class LatencyResult:
     dropped: int
     lost: int
     service_ms: float
-    children_ms: float
+    workers_ms: float
     steal_percent: float
 
 
@@ -262,14 +218,20 @@ def measure_latency(args: argparse.Namespace) -> int:
     others. If the host takes more than 1 % of the machine's time ("steal"), the result is not
     conclusive.
     """
-    chosen = [case for case in CASES if not args.case or case in args.case]
+    chosen = {name: CASES[name] for name in CASES if not args.case or name in args.case}
     prerender_room(SyntheticConfig.fast())
-    runs: dict[str, list[LatencyResult]] = {case: [] for case in chosen}
-    for number in range(args.rounds):
-        for case in chosen:
-            print(f"round {number + 1} of {args.rounds}: {case}", file=sys.stderr, flush=True)
-            runs[case].append(run(CASES[case], args.seconds))
-    return report({name: combine_runs(each) for name, each in runs.items()})
+    return report(run_cases(chosen, args.seconds, args.rounds))
+
+
+def run_cases(
+    cases: Mapping[str, InterferenceCase], seconds: float, rounds: int
+) -> dict[str, LatencyResult]:
+    """Run cases in turn; return the medians, the worst maximum, and sums of the counts."""
+    runs = run_in_turn({name: partial(run, case, seconds) for name, case in cases.items()}, rounds)
+    return {
+        name: combine_runs(each, max_ms=max, dropped=sum, lost=sum, steal_percent=max)
+        for name, each in runs.items()
+    }
 
 
 def run(case: InterferenceCase, seconds: float) -> LatencyResult:
@@ -277,64 +239,59 @@ def run(case: InterferenceCase, seconds: float) -> LatencyResult:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         with (
-            case(folder) as scene,
+            case(folder) as setup,
             running_service(
-                folder / "service", {}, source="synthetic", more_config=scene.more_config
+                folder / "service", {}, source="synthetic", more_config=setup.more_config
             ) as service,
-            running_recorder(f"tcp/127.0.0.1:{service.port}", folder / "poses.npz") as listener,
+            running_subscriber(_endpoint(service), "kinect/odom") as subscriber,
         ):
             service.wait_until_streaming(time.monotonic())
             with ExitStack() as readers:
-                if scene.topics:
-                    start_reader(readers, [], f"tcp/127.0.0.1:{service.port}", scene.topics)
+                if setup.keys:
+                    readers.enter_context(running_subscriber(_endpoint(service), *setup.keys))
                 time.sleep(WARM_UP_S)
-                outcome = measure(scene, service, listener, seconds)
+                result = measure(setup, service, subscriber, seconds)
             # Exit code 1 if a disturbed viewer misses the end of its recording.
             service.stop()
             if "Traceback" in service.log:
                 raise RuntimeError(f"the service failed: {service.log}")
-            return outcome
+            return result
 
 
 def measure(
-    setup: InterferenceSetup, service: ServiceProcess, listener: ArrivalRecorder, seconds: float
+    setup: InterferenceSetup, service: ServiceProcess, subscriber: Subscriber, seconds: float
 ) -> LatencyResult:
     """Measure from now on, with the actions of the setup.
 
     Args:
         setup: The disturbance.
         service: The running service.
-        listener: The subscriber.
+        subscriber: A subscriber of its poses.
         seconds: Duration, s.
     """
     main = service.process.pid
-    children = descendants_of(main)
-    before, status_before = measure_processor_use(main, *children), service.status
-    begin_s = time.monotonic()
+    meter, dropped, begin_s = LoadMeter(main), service.status["camera"]["dropped"], time.monotonic()
     for fraction, action in setup.actions:
         time.sleep(max(0.0, begin_s + fraction * seconds - time.monotonic()))
         action(service)
     time.sleep(max(0.0, begin_s + seconds - time.monotonic()))
-    end_s = time.monotonic()
-    children = sorted({*children, *descendants_of(main)})
-    used, status = measure_processor_use(main, *children).since(before), service.status
+    load, status, end_s = meter.read(), service.status, time.monotonic()
     time.sleep(DRAIN_S)
     arrival_s = stamp_to_arrival_s()
-    arrivals = listener.stop().between(begin_s, end_s - arrival_s)
-    if abs(arrivals.clock_shift_s) > 1e-3:
-        raise RuntimeError("the wall clock was set during the run: the latency is unknown; re-run")
-    latency_ms = 1e3 * (arrivals.receive_time_s - arrivals.stamp_s - arrival_s)
-    count = len(latency_ms)
+    arrivals = subscriber.end().between(begin_s, end_s - arrival_s)
+    latency_ms = arrivals.latency_ms - 1e3 * arrival_s
+    count = len(arrivals)
+    service_ms = load.per_frame_ms(count, main)
     p50_ms, p99_ms = np.percentile(latency_ms, (50, 99))
     return LatencyResult(
         p50_ms=float(p50_ms),
         p99_ms=float(p99_ms),
         max_ms=float(latency_ms.max()),
-        dropped=status["camera"]["dropped"] - status_before["camera"]["dropped"],
+        dropped=status["camera"]["dropped"] - dropped,
         lost=arrivals.lost,
-        service_ms=per_frame_ms(used, count, main),
-        children_ms=per_frame_ms(used, count, *children),
-        steal_percent=used.steal_percent,
+        service_ms=service_ms,
+        workers_ms=load.per_frame_ms(count) - service_ms,
+        steal_percent=load.steal_percent,
     )
 
 
@@ -342,25 +299,6 @@ def stamp_to_arrival_s() -> float:
     """Time from the stamp to the arrival of a frame of the virtual Kinect."""
     timing = SyntheticConfig.fast().timing
     return timing.readout_s / 2 + max(timing.skew_s, 0.0)
-
-
-def per_frame_ms(used: ProcessorUse, frames: int, *processes: int) -> float:
-    """Processor milliseconds per frame of processes together."""
-    return 1e3 * sum(used.by_process[process] for process in processes) / frames
-
-
-def combine_runs(runs: Sequence[LatencyResult]) -> LatencyResult:
-    """Combine runs: medians, the worst maximum, and sums of the counts."""
-    return LatencyResult(
-        p50_ms=median(each.p50_ms for each in runs),
-        p99_ms=median(each.p99_ms for each in runs),
-        max_ms=max(each.max_ms for each in runs),
-        dropped=sum(each.dropped for each in runs),
-        lost=sum(each.lost for each in runs),
-        service_ms=median(each.service_ms for each in runs),
-        children_ms=median(each.children_ms for each in runs),
-        steal_percent=max(each.steal_percent for each in runs),
-    )
 
 
 def report(outcomes: Mapping[str, LatencyResult]) -> int:
@@ -378,7 +316,7 @@ def report(outcomes: Mapping[str, LatencyResult]) -> int:
         row = TABLE.row(
             name,
             *(each.p50_ms, each.p99_ms, each.max_ms, p50_ratio, p99_ratio, each.dropped, each.lost),
-            *(each.service_ms, each.children_ms, each.steal_percent),
+            *(each.service_ms, each.workers_ms, each.steal_percent),
             "pass" if is_good else "FAIL",
         )
         print(f"{row}{', inconclusive' * (each.steal_percent > MAX_STEAL_PERCENT)}")
@@ -386,6 +324,10 @@ def report(outcomes: Mapping[str, LatencyResult]) -> int:
 
 
 # Cost of scan and grid: latency (99 %) by a factor, and processor time in percent of a core.
+NAVIGATION_TABLE = Table(
+    *(22, "p50:7.1f", "p99:7.1f", "max:8.1f", "dropped:9d", "lost:6d", "service %:11.1f"),
+    *("workers %:11.1f", "steal %:9.1f"),
+)
 MAX_NAVIGATION_RATIO, MAX_NAVIGATION_PERCENT = 1.1, 3.0
 RATE_HZ = 30.0
 
@@ -414,7 +356,7 @@ def without_navigation(folder: Path) -> Iterator[InterferenceSetup]:
 @contextmanager
 def with_navigation(folder: Path) -> Iterator[InterferenceSetup]:
     """Scan and grid, both with a reader."""
-    yield InterferenceSetup(f"{ROBOT_CONFIG}enabled = true\n", topics=("scan", "map"))
+    yield InterferenceSetup(f"{ROBOT_CONFIG}enabled = true\n", keys=("kinect/scan", "kinect/map"))
 
 
 NAVIGATION_CASES: Mapping[str, InterferenceCase] = {
@@ -436,34 +378,19 @@ def measure_navigation(args: argparse.Namespace) -> int:
     and grid cost more than 1.1 times the latency (99 %), or 3 % of a core.
     """
     prerender_room(ROBOT)
-    runs: dict[str, list[LatencyResult]] = {case: [] for case in NAVIGATION_CASES}
-    for number in range(args.rounds):
-        for name, case in NAVIGATION_CASES.items():
-            print(f"round {number + 1} of {args.rounds}: {name}", file=sys.stderr, flush=True)
-            runs[name].append(run(case, args.seconds))
-    results = {name: combine_runs(each) for name, each in runs.items()}
-    headings = "p50", "p99", "max", "dropped", "lost", "service %", "workers %", "steal %"
-    print(format_table(headings, {name: _navigation_row(each) for name, each in results.items()}))
+    results = run_cases(NAVIGATION_CASES, args.seconds, args.rounds)
+    print(NAVIGATION_TABLE.head)
+    for name, each in results.items():
+        percents = (0.1 * RATE_HZ * ms for ms in (each.service_ms, each.workers_ms))
+        latencies = (each.p50_ms, each.p99_ms, each.max_ms, each.dropped, each.lost)
+        print(NAVIGATION_TABLE.row(name, *latencies, *percents, each.steal_percent))
     off, on = results.values()
     ratio = on.p99_ms / off.p99_ms
-    percent = _core_percent(on.service_ms + on.children_ms - off.service_ms - off.children_ms)
+    on_ms, off_ms = on.service_ms + on.workers_ms, off.service_ms + off.workers_ms
+    percent = 0.1 * RATE_HZ * (on_ms - off_ms)
     is_good = ratio <= MAX_NAVIGATION_RATIO and percent <= MAX_NAVIGATION_PERCENT
     print(f"p99 x {ratio:.2f}, {percent:+.1f} % of a core: {'pass' if is_good else 'FAIL'}")
     return 0 if is_good else 1
-
-
-def _navigation_row(result: LatencyResult) -> list[str]:
-    return [
-        *(f"{value:.1f}" for value in (result.p50_ms, result.p99_ms, result.max_ms)),
-        *(str(result.dropped), str(result.lost)),
-        *(f"{_core_percent(value):.1f}" for value in (result.service_ms, result.children_ms)),
-        f"{result.steal_percent:.1f}",
-    ]
-
-
-def _core_percent(ms_per_frame: float) -> float:
-    """Percent of a core, from milliseconds per frame."""
-    return 0.1 * RATE_HZ * ms_per_frame
 
 
 VARIANTS: Variants = {

@@ -16,7 +16,7 @@ from pathlib import Path
 from statistics import median
 
 from benchmarks.harness import option
-from benchmarks.soak import make_kinect
+from benchmarks.simulated_kinect import make_kinect
 from tests.ports import free_port
 from tests.vo_service.service_process import KINECT_VO
 from vo_service import PoseClient

@@ -17,27 +17,18 @@ from dataclasses import asdict, dataclass, field
 from itertools import pairwise
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
 
 from benchmarks.harness import Variants, option
-from benchmarks.service_load import (
-    descendants_of,
-    measure_processor_use,
-    prerender_room,
-    wall_clock_offset_s,
-)
+from benchmarks.plots import save_panels
+from benchmarks.processes import Load, LoadMeter, descendants_of, memory_mb, proportional_mb
+from benchmarks.rendered_sequences import prerender_room
+from benchmarks.simulated_kinect import make_kinect
+from benchmarks.subscriber import wall_clock_offset_s
 from drivers.core.files import atomic_write
 from drivers.core.geometry import Array
-from tests.resource_leaks import (
-    count_open_files_of,
-    is_alive,
-    proportional_memory_kb,
-    resident_memory_kb,
-)
-from tests.simulators.frame_sources import folder_frames, write_fitted_usb_frames
-from tests.simulators.kinect_simulator import IDENTITY, KinectSimulator, LoopMode
-from tests.vo_service.corner_sequence import make_corner_kinect, write_corner_frames
+from tests.resource_leaks import count_open_files_of, is_alive
+from tests.simulators.kinect_simulator import KinectSimulator
 from tests.vo_service.service_process import ServiceProcess, running_service
 from tests.vo_service.subscriber import StatusContent, SubscribedPose
 from vo_service.config import read_config
@@ -237,24 +228,13 @@ PANELS: Mapping[str, Mapping[str, str]] = {
 
 def save_plot(record: SoakRecord, file: Path) -> None:
     """Plot all samples; dotted lines mark restarts of the service."""
-    mpl.use("Agg")
-    from matplotlib import pyplot
-
     before = np.cumsum([0, *(sample.frame for sample in record.run_ends)])[:-1]
     at = [(before[sample.run] + sample.frame) / 1000 for sample in record.samples]
-    figure, axes = pyplot.subplots(len(PANELS), 1, sharex=True, figsize=(8, 9), layout="tight")
-    for axis, (label, lines) in zip(axes, PANELS.items(), strict=True):
-        for line, name in lines.items():
-            axis.plot(at, values_of(record.samples, name), label=line, linewidth=1)
-        for frames in before[1:]:
-            axis.axvline(frames / 1000, color="gray", linestyle=":")
-        axis.set_ylabel(label)
-        axis.set_ylim(bottom=0)
-        axis.grid(visible=True, alpha=0.3)
-        axis.legend(loc="lower right", fontsize="small")
-    axes[-1].set_xlabel("thousand frames")
-    figure.savefig(file, dpi=100)
-    pyplot.close(figure)
+    panels = {
+        axis: [(label, at, values_of(record.samples, name)) for label, name in lines.items()]
+        for axis, lines in PANELS.items()
+    }
+    save_panels(file, "thousand frames", panels, (before[1:] / 1000).tolist())
 
 
 SERVICE_OPTIONS = (
@@ -315,7 +295,7 @@ class SoakRun:
         self._run, self._frame, self._lost = record.runs, 0, 0
         self._wall_s = wall_clock_offset_s()
         service.wait_until_streaming(time.monotonic())
-        self._used_s = self._cpu_s()
+        self._meter = LoadMeter(service.process.pid)
 
     def run_until(self, frames: int) -> None:
         """Sample every thousand frames until the record has `frames` frames."""
@@ -339,27 +319,22 @@ class SoakRun:
         p50_ms, p99_ms = np.percentile(latency_ms, (50, 99))
         self._frame += len(poses) - 1
         self._lost += poses[-1].seq - poses[0].seq - (len(poses) - 1)
-        used_s, before_s = self._cpu_s(), self._used_s
-        self._used_s = used_s
         main, others = self._service.process.pid, descendants_of(self._service.process.pid)
+        load, self._meter = self._meter.read(), LoadMeter(main)
         return SoakSample(
             run=self._run,
             frame=self._frame,
-            service_mb=resident_memory_kb(main) / 1e3,
-            others_mb=sum(resident_memory_kb(each) for each in others if is_alive(each)) / 1e3,
+            service_mb=memory_mb(main, "VmRSS"),
+            others_mb=sum(memory_mb(each, "VmRSS") for each in others if is_alive(each)),
             handles=count_open_files_of(main),
             threads=len(list(Path(f"/proc/{main}/task").iterdir())),
             children=len(others),
             p50_ms=float(p50_ms),
             p99_ms=float(p99_ms),
-            cpu_ms=1e3 * (used_s - before_s) / (len(poses) - 1),
+            cpu_ms=load.per_frame_ms(len(poses) - 1),
             dropped=self._service.status["camera"]["dropped"],
             lost=self._lost,
         )
-
-    def _cpu_s(self) -> float:
-        main = self._service.process.pid
-        return sum(measure_processor_use(main, *descendants_of(main)).by_process.values())
 
 
 def report_growth(record: SoakRecord, warm_up: int) -> int:
@@ -371,25 +346,13 @@ def report_growth(record: SoakRecord, warm_up: int) -> int:
         f"{last.handles} handles, {last.threads} threads, latency {last.p50_ms:.1f} ms "
         f"(99 %: {last.p99_ms:.1f} ms), CPU {last.cpu_ms:.1f} ms per frame, {last.dropped} dropped"
     )
-    judged = check_soak(record, warm_up)
-    for each in judged:
+    checks = check_soak(record, warm_up)
+    for each in checks:
         print(
             f"{each.name:32} {each.value:8.3f} {each.unit:10} limit {each.limit:g}  "
             f"{'pass' if each.is_within_limit else 'FAIL'}"
         )
-    return 0 if all(each.is_within_limit for each in judged) else 1
-
-
-@dataclass(frozen=True)
-class KinectSample:
-    """Counters and costs at one time; memory is the proportional set size."""
-
-    time_s: float
-    sent: int
-    poses: int
-    status: StatusContent
-    cpu_s: tuple[float, float, float]  # service, driver, all processes
-    memory_kb: tuple[int, int]
+    return 0 if all(each.is_within_limit for each in checks) else 1
 
 
 KINECT_OPTIONS = (
@@ -417,21 +380,32 @@ def soak_kinect(args: argparse.Namespace) -> int:
             kinect.start_ticks = 2**32 - round(wrap_s * TICKS_PER_S)
             with running_service(folder, kinect.environment, popen=subprocess.Popen) as service:
                 samples = take_samples(service, kinect, seconds)
+                processes = service.process.pid, service.driver_pid
                 exit_code = service.stop()
                 poses = service.received.poses[samples[0].poses : samples[-1].poses]
     lost = report_lost(samples, poses)
+    report_costs(samples, poses, processes)
     print(f"the service ended with exit code {exit_code}; {lost} frames lost")
     return 1 if lost or exit_code else 0
 
 
-def make_kinect(folder: Path, recording: Path | None) -> KinectSimulator:
-    """Make a Kinect that sees a recording or a rendered corner."""
-    if recording is None:
-        return make_corner_kinect(folder, write_corner_frames(folder))
-    usb_frames = write_fitted_usb_frames(folder, folder_frames(recording))
-    kinect = KinectSimulator(folder, usb_frames, registration=IDENTITY)
-    kinect.loop = LoopMode.THERE_AND_BACK
-    return kinect
+@dataclass(frozen=True)
+class KinectSample:
+    """Counters and costs at one time.
+
+    Attributes:
+        load: Of the service and its processes since the first sample.
+        sent: Frames that the Kinect has sent.
+        poses: Number of received poses.
+        status: Received after everything else was read.
+        memory_mb: Proportional set size of service and driver.
+    """
+
+    load: Load
+    sent: int
+    poses: int
+    status: StatusContent
+    memory_mb: tuple[float, float]
 
 
 def take_samples(
@@ -440,36 +414,32 @@ def take_samples(
     """Return samples at the beginning, after a minute of a longer run, and at the end."""
     service.wait_until_streaming(time.monotonic())
     time.sleep(WARM_UP_S)
-    samples = [take_sample(service, kinect)]
-    for until_s in (min(FIRST_REPORT_S, seconds / 2), seconds):
-        time.sleep(samples[0].time_s + until_s - time.monotonic())
-        samples.append(take_sample(service, kinect))
+    begin_s, meter, samples = time.monotonic(), LoadMeter(service.process.pid), []
+    for until_s in (0.0, min(FIRST_REPORT_S, seconds / 2), seconds):
+        time.sleep(max(0.0, begin_s + until_s - time.monotonic()))
+        load, sent, poses = meter.read(), min(kinect.frames_sent), len(service.received.poses)
+        memory_mb = proportional_mb(service.process.pid), proportional_mb(service.driver_pid)
+        wait_for_new_status(service)
+        samples.append(KinectSample(load, sent, poses, service.status, memory_mb))
     return samples
 
 
-def take_sample(service: ServiceProcess, kinect: KinectSimulator) -> KinectSample:
-    """Take a sample, with a status that was received after reading everything else."""
-    processes = service.process.pid, service.driver_pid
-    at_s, sent, poses = time.monotonic(), min(kinect.frames_sent), len(service.received.poses)
-    use = measure_processor_use(processes[0], *descendants_of(processes[0])).by_process
-    used_s = use[processes[0]], use[processes[1]], sum(use.values())
-    memory_kb = proportional_memory_kb(processes[0])[0], proportional_memory_kb(processes[1])[0]
-    statuses = len(service.received.statuses)
-    service.wait_for_status(lambda _: len(service.received.statuses) > statuses)
-    return KinectSample(at_s, sent, poses, service.status, used_s, memory_kb)
+def wait_for_new_status(service: ServiceProcess) -> None:
+    """Wait until the next status is received."""
+    count = len(service.received.statuses)
+    service.wait_for_status(lambda _: len(service.received.statuses) > count)
 
 
 def report_lost(samples: Sequence[KinectSample], poses: Sequence[SubscribedPose]) -> int:
     """Print the table; return the number of lost frames."""
-    first, early, last = samples
-    duration_s = last.time_s - first.time_s
-    sent, received = last.sent - first.sent, len(poses)
+    first, _, last = samples
+    sent, received, seconds = last.sent - first.sent, len(poses), last.load.seconds
     counters: dict[str, int] = {
         name: last.status[group][name] - first.status[group][name] for group, name in COUNTERS
     }
     gaps = sum(b.seq - a.seq - 1 for a, b in pairwise(poses))
     backwards = sum(b.stamp_s <= a.stamp_s for a, b in pairwise(poses))
-    print(f"{duration_s:.0f} s, {received / duration_s:.2f} poses a second")
+    print(f"{seconds:.0f} s, {received / seconds:.2f} poses a second")
     counts = {
         "frames sent by the Kinect": sent,
         "poses received": received,
@@ -482,36 +452,34 @@ def report_lost(samples: Sequence[KinectSample], poses: Sequence[SubscribedPose]
     }
     for name, count in counts.items():
         print(f"{name:36}{count:8d}")
-    report_times(poses, last.status)
-    _report_costs(first, early, last)
     missing = max(0, abs(sent - received) - MAX_IN_FLIGHT)
     return max(missing, counters["dropped"] + counters["skipped"] + gaps) + backwards
 
 
-def report_times(poses: Sequence[SubscribedPose], status: StatusContent) -> None:
-    """Print the stamp intervals and the last latencies."""
+def report_costs(
+    samples: Sequence[KinectSample], poses: Sequence[SubscribedPose], processes: Sequence[int]
+) -> None:
+    """Print stamp intervals and latencies; CPU time and memory of service, driver and all."""
     interval_ms = 1e3 * np.diff([pose.stamp_s for pose in poses])
     low, middle, high = np.percentile(interval_ms, [1, 50, 99])
     print(
         f"stamp to stamp, ms: min {interval_ms.min():.2f}, 1 % {low:.2f}, median {middle:.2f}, "
         f"99 % {high:.2f}, max {interval_ms.max():.2f}"
     )
+    _, early, last = samples
+    latency = last.status["latency"]
     print(
-        f"latency of the last frames, ms: median {status['latency']['p50_ms']:.1f}, "
-        f"99 % {status['latency']['p99_ms']:.1f}"
+        f"latency of the last frames, ms: median {latency['p50_ms']:.1f}, "
+        f"99 % {latency['p99_ms']:.1f}"
     )
-
-
-def _report_costs(first: KinectSample, early: KinectSample, last: KinectSample) -> None:
-    """Print CPU time and memory of both processes, and the CPU time of all."""
     for which, name in enumerate(("service", "driver")):
-        share = (last.cpu_s[which] - first.cpu_s[which]) / (last.time_s - first.time_s)
         print(
-            f"{name}: {100 * share:.1f} % of a core; "
-            f"{early.memory_kb[which] / 1e3:.1f} MB after {early.time_s - first.time_s:.0f} s, "
-            f"{last.memory_kb[which] / 1e3:.1f} MB at the end"
+            f"{name}: {last.load.percent(processes[which]):.1f} % of a core; "
+            f"{early.memory_mb[which]:.1f} MB after {early.load.seconds:.0f} s, "
+            f"{last.memory_mb[which]:.1f} MB at the end"
         )
-    share = (last.cpu_s[2] - early.cpu_s[2]) / (last.time_s - early.time_s)
+    all_s = (sum(each.load.cpu_s.values()) for each in (last, early))
+    share = (next(all_s) - next(all_s)) / (last.load.seconds - early.load.seconds)
     print(f"all processes in the second part: {100 * share:.1f} % of a core")
 
 

@@ -21,25 +21,22 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Protocol
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from benchmarks.harness import Json, ResultCache, Table, measure_cpu_ms, option, to_mm
+from benchmarks.plots import Line, save_panels
+from benchmarks.processes import memory_mb
 from benchmarks.rendered_sequences import THREADS, make_frame, prefetch
-from benchmarks.tracking import METHOD
+from benchmarks.tracking import METHOD, evaluate_poses, match_steps
 from drivers.camera import RgbdFrame
-from drivers.core import InputError
 from drivers.core.geometry import Array, Trajectory, inverse, poses_close
 from drivers.synthetic.config import MotionKind, SyntheticConfig
 from drivers.synthetic.motions import make_motion
 from drivers.synthetic.renderer import make_renderer
 from drivers.synthetic.room import ROOM_HEIGHT_M
 from drivers.synthetic.sensors import RenderedImages
-from tests.resource_leaks import resident_memory_kb
 from vo_service.config_tables import MapConfig
 from vo_service.odom_frame import OdomFrame, StampedFrame
 from vo_service.odometry.registry import METHODS, MethodConfig
@@ -50,7 +47,6 @@ from vo_service.slam.synchronous_loop_closure import (
     create_synchronous_loop_closure,
 )
 from vo_service.terminal import Terminal
-from vo_service.tools.evaluation.evaluation import evaluate
 from vo_service.tools.evaluation.metrics import (
     GROSS_ERROR_DEG,
     GROSS_ERROR_M,
@@ -58,7 +54,6 @@ from vo_service.tools.evaluation.metrics import (
     best_alignment,
     count_gross_errors,
     position_errors_m,
-    tracked_steps,
 )
 from vo_service.types.estimate import Estimate
 from vo_service.types.odometry_update import OdometryUpdate
@@ -67,11 +62,6 @@ MINUTE_S = 60.0
 # Times and memory are plotted as mean and 99th percentile of windows of this length.
 WINDOW_S = 10.0
 LABELS = ("distance from the truth, mm", "CPU, ms per frame", "memory, MB")
-# The arrays of a record that have a row for each frame.
-ARRAYS = (
-    *("stamp_s", "T_room_camera", "T_world_camera", "has_pose", "epoch"),
-    *("cpu_ms", "loop_closure_ms", "memory_mb"),
-)
 TABLE = Table(
     *(30, "frames:8d", "cover %:9.1f", "epochs:8d", "gross:7d", "ATE:8.1f", "optimized:11.1f"),
     *("loop closures:15d", "wrong:7d", "CPU ms:13", "of loop closure:17", "MB:13"),
@@ -133,7 +123,7 @@ class LoopClosureRecord:
 
 @dataclass(frozen=True)
 class TourRecord:
-    """Measurements of F frames, in order.
+    """Measurements of F frames, in order, and what the map has at the end.
 
     Attributes:
         stamp_s: (F,).
@@ -144,8 +134,10 @@ class TourRecord:
         cpu_ms: (F,) processor time of the thread for the pose.
         loop_closure_ms: (F,) processor time after that, for the map.
         memory_mb: (F,) memory of the process, including the virtual Kinect.
-        optimized: The optimized poses at the end.
-        loop_closures: All loop closures.
+        optimized_s: (N,) stamps of the optimized poses.
+        T_optimized: (N, 4, 4) optimized poses.
+        loop_stamps_s: (L, 2) stamps of keyframe and camera of each loop closure.
+        T_keyframe_camera: (L, 4, 4) the motion between them.
     """
 
     stamp_s: Array
@@ -156,13 +148,20 @@ class TourRecord:
     cpu_ms: Array
     loop_closure_ms: Array
     memory_mb: Array
-    optimized: Trajectory
-    loop_closures: Sequence[LoopClosureRecord]
+    optimized_s: Array
+    T_optimized: Array
+    loop_stamps_s: Array
+    T_keyframe_camera: Array
 
     @property
     def trajectory(self) -> Trajectory:
         """Estimated trajectory of the frames with a pose."""
         return Trajectory(self.stamp_s[self.has_pose], self.T_world_camera[self.has_pose])
+
+    @property
+    def optimized(self) -> Trajectory:
+        """The optimized poses at the end."""
+        return Trajectory(self.optimized_s, self.T_optimized)
 
     @property
     def truth(self) -> Trajectory:
@@ -171,49 +170,29 @@ class TourRecord:
 
     def save(self, file: Path) -> None:
         """Save the arrays in a .npz file."""
-        loops = self.loop_closures
-        np.savez_compressed(
-            file,
-            optimized_s=self.optimized.stamps_s,
-            T_optimized=self.optimized.T_world_camera,
-            loop_stamps_s=[(loop.keyframe_stamp_s, loop.stamp_s) for loop in loops],
-            T_keyframe_camera=[loop.T_keyframe_camera for loop in loops],
-            **{name: getattr(self, name) for name in ARRAYS},
-        )
+        np.savez_compressed(file, **vars(self))
 
     @classmethod
     def load(cls, file: Path) -> "TourRecord":
         """Load a file of `save`."""
         with np.load(file) as arrays:
-            stamps_s, T = arrays["loop_stamps_s"].tolist(), arrays["T_keyframe_camera"]
-            return cls(
-                **{name: arrays[name] for name in ARRAYS},
-                optimized=Trajectory(arrays["optimized_s"], arrays["T_optimized"]),
-                loop_closures=[
-                    LoopClosureRecord(keyframe_s, stamp_s, T_loop)
-                    for (keyframe_s, stamp_s), T_loop in zip(stamps_s, T, strict=True)
-                ],
+            return cls(**arrays)
+
+    @property
+    def wrong_loop_closures(self) -> int:
+        """Number of loop closures with a gross error."""
+        frames = np.searchsorted(self.stamp_s, self.loop_stamps_s)
+        return sum(
+            not poses_close(
+                inverse(self.T_room_camera[keyframe]) @ self.T_room_camera[camera],
+                T_keyframe_camera,
+                GROSS_ERROR_M,
+                math.radians(GROSS_ERROR_DEG),
             )
-
-
-class TrajectoryRunner(Protocol):
-    """Estimates the poses of frames, and the optimized trajectory at the end."""
-
-    def estimate_pose(self, frame: RgbdFrame) -> Estimate:
-        """Estimate the pose of the next frame."""
-        ...
-
-    def update_map(self) -> None:
-        """Do the map's work after the pose of a frame."""
-        ...
-
-    def optimized_trajectory(self) -> Trajectory:
-        """Return the optimized poses after the last frame."""
-        ...
-
-    def loop_closures(self) -> Sequence[LoopClosureRecord]:
-        """Return all loop closures so far."""
-        ...
+            for (keyframe, camera), T_keyframe_camera in zip(
+                frames, self.T_keyframe_camera, strict=True
+            )
+        )
 
 
 class LoopClosureRunner:
@@ -232,7 +211,7 @@ class LoopClosureRunner:
         self.last_update: OdometryUpdate | None = None
 
     def estimate_pose(self, frame: RgbdFrame) -> Estimate:
-        """See `TrajectoryRunner`."""
+        """Estimate the pose of the next frame."""
         estimate = self._odometry.estimate(frame)
         self.last_update = self._tracker.update(
             StampedFrame(frame, frame.stamp_s), estimate, {}, 0.0
@@ -240,16 +219,16 @@ class LoopClosureRunner:
         return estimate
 
     def update_map(self) -> None:
-        """See `TrajectoryRunner`."""
+        """Do the map's work after the pose of a frame."""
         if self.last_update is not None:
             self.map.on_update(self.last_update)
 
     def optimized_trajectory(self) -> Trajectory:
-        """See `TrajectoryRunner`."""
+        """Return the optimized poses after the last frame."""
         return self.map.trajectory
 
     def loop_closures(self) -> Sequence[LoopClosureRecord]:
-        """See `TrajectoryRunner`. Those of a culled keyframe belong to its neighbor."""
+        """Return all loop closures so far. Those of a culled keyframe belong to its neighbor."""
         database = self.map.loop_closer.database
         return [
             LoopClosureRecord(database[edge.a].stamp_s, database[edge.b].stamp_s, edge.T_a_b)
@@ -258,7 +237,7 @@ class LoopClosureRunner:
         ]
 
 
-def make_runner(method: str) -> TrajectoryRunner:
+def make_runner(method: str) -> LoopClosureRunner:
     """Make the runner of a method with loop closure."""
     return LoopClosureRunner(method, create_synchronous_loop_closure(MapConfig()))
 
@@ -306,7 +285,7 @@ class TourResult:
 
 
 def run_tour(
-    runner: TrajectoryRunner,
+    runner: LoopClosureRunner,
     frames: Iterable[RgbdFrame],
     T_room_camera: Array,
     progress: Callable[[int, int], None],
@@ -324,12 +303,13 @@ def run_tour(
         estimate, cpu_ms = measure_cpu_ms(partial(runner.estimate_pose, frame))
         _, map_ms = measure_cpu_ms(runner.update_map)
         pose = (estimate.T_world_camera, estimate.ok, estimate.is_reset)
-        memory_mb = resident_memory_kb(os.getpid()) / 1e3
-        rows.append((frame.stamp_s, *pose, cpu_ms, map_ms, memory_mb))
+        row = (frame.stamp_s, *pose, cpu_ms, map_ms, memory_mb(os.getpid(), "VmRSS"))
+        rows.append(row)
         progress(len(rows), len(T_room_camera))
     stamp_s, T_world_camera, is_ok, is_reset, pose_ms, loop_closure_ms, used_mb = (
         np.array(column) for column in zip(*rows, strict=True)
     )
+    optimized, loops = runner.optimized_trajectory(), runner.loop_closures()
     return TourRecord(
         stamp_s,
         T_room_camera[: len(rows)],
@@ -339,52 +319,31 @@ def run_tour(
         pose_ms,
         loop_closure_ms,
         used_mb,
-        runner.optimized_trajectory(),
-        tuple(runner.loop_closures()),
+        optimized.stamps_s,
+        optimized.T_world_camera,
+        np.array([(loop.keyframe_stamp_s, loop.stamp_s) for loop in loops]).reshape(-1, 2),
+        np.array([loop.T_keyframe_camera for loop in loops]).reshape(-1, 4, 4),
     )
 
 
 def summarize(record: TourRecord) -> TourResult:
     """Compute the figures of a tour."""
-    wrong = [loop for loop in record.loop_closures if is_wrong_loop(loop, record)]
+    steps = match_steps(record.trajectory, record.truth, record.epoch[record.has_pose])
+    poses = evaluate_poses(record.trajectory, record.truth)
+    optimized = evaluate_poses(record.optimized, record.truth)
     return TourResult(
         frames=len(record.has_pose),
         coverage=float(record.has_pose.mean()),
         epochs=int(record.epoch[-1]),
-        gross=_count_gross_errors(record),
-        ate_m=_ate_m(record.trajectory, record.truth),
-        ate_optimized_m=_ate_m(record.optimized, record.truth),
-        loop_closures=len(record.loop_closures),
-        wrong_loop_closures=len(wrong),
+        gross=count_gross_errors(*steps) if steps else 0,
+        ate_m=poses.ate_rmse_m if poses else None,
+        ate_optimized_m=optimized.ate_rmse_m if optimized else None,
+        loop_closures=len(record.loop_stamps_s),
+        wrong_loop_closures=record.wrong_loop_closures,
         cpu_ms=_first_and_last(record.cpu_ms, record.stamp_s),
         loop_closure_ms=_first_and_last(record.loop_closure_ms, record.stamp_s),
         memory_mb=_first_and_last(record.memory_mb, record.stamp_s),
     )
-
-
-def is_wrong_loop(loop: LoopClosureRecord, record: TourRecord) -> bool:
-    """Whether a loop closure has a gross error."""
-    keyframe, camera = np.searchsorted(record.stamp_s, [loop.keyframe_stamp_s, loop.stamp_s])
-    true = inverse(record.T_room_camera[keyframe]) @ record.T_room_camera[camera]
-    return not poses_close(
-        true, loop.T_keyframe_camera, GROSS_ERROR_M, math.radians(GROSS_ERROR_DEG)
-    )
-
-
-def _count_gross_errors(record: TourRecord) -> int:
-    try:
-        matched = associate(record.trajectory, record.truth)
-    except InputError:
-        return 0
-    steps = tracked_steps(matched, record.trajectory.stamps_s, record.epoch[record.has_pose])
-    return count_gross_errors(matched, steps)
-
-
-def _ate_m(trajectory: Trajectory, truth: Trajectory) -> float | None:
-    try:
-        return evaluate(trajectory, truth).ate_rmse_m
-    except InputError:
-        return None
 
 
 def _first_and_last(values: Array, stamps_s: Array) -> tuple[float, float]:
@@ -396,48 +355,35 @@ def _first_and_last(values: Array, stamps_s: Array) -> tuple[float, float]:
 
 def save_plot(records: Mapping[str, TourRecord], file: Path) -> None:
     """Plot all tours together. Raises InputError if one has too few poses."""
-    mpl.use("Agg")
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(len(LABELS), 1, sharex=True, figsize=(8, 8), layout="tight")
+    panels: dict[str, list[Line]] = {label: [] for label in LABELS}
     for name, record in records.items():
-        _draw(axes, name, record)
-    for axis, label in zip(axes, LABELS, strict=True):
-        axis.set_ylabel(label)
-        axis.set_ylim(bottom=0)
-        axis.grid(visible=True, alpha=0.3)
-        axis.legend(loc="upper left", fontsize="small")
-    axes[-1].set_xlabel("minutes")
-    figure.savefig(file, dpi=100)
-    pyplot.close(figure)
+        for axis, lines in zip(LABELS, _lines(record), strict=True):
+            panels[axis] += [(f"{name}, {what}".rstrip(", "), x, y) for what, x, y in lines]
+    save_panels(file, "minutes", panels)
 
 
-def _draw(axes: list[Axes], name: str, record: TourRecord) -> None:
+def _lines(record: TourRecord) -> tuple[list[Line], list[Line], list[Line]]:
+    """The lines of a tour in each panel."""
+    errors: list[Line] = []
     for what, poses in (("estimated", record.trajectory), ("optimized", record.optimized)):
-        stamps_s, errors_m = _errors(poses, record.truth)
-        axes[0].plot(stamps_s / 60.0, 1e3 * errors_m, label=f"{name}, {what}", linewidth=1)
+        matched = associate(poses, record.truth)
+        errors_m = position_errors_m(matched, best_alignment(matched))
+        errors.append((what, matched.stamps_s / 60.0, 1e3 * errors_m))
     parts = _windows(record)
     minutes = [(n + 0.5) * WINDOW_S / 60.0 for n in range(len(parts))]
-    lines = (
-        (axes[1], "poses, mean", [record.cpu_ms[part].mean() for part in parts]),
-        (axes[1], "poses, 99 %", [np.percentile(record.cpu_ms[part], 99) for part in parts]),
-        (axes[1], "loop closure, mean", [record.loop_closure_ms[part].mean() for part in parts]),
-        (axes[2], "", [record.memory_mb[part].mean() for part in parts]),
-    )
-    for axis, what, values in lines:
-        axis.plot(minutes, values, label=f"{name}, {what}".rstrip(", "), linewidth=1)
+    times: list[Line] = [
+        ("poses, mean", minutes, [record.cpu_ms[part].mean() for part in parts]),
+        ("poses, 99 %", minutes, [np.percentile(record.cpu_ms[part], 99) for part in parts]),
+        ("loop closure, mean", minutes, [record.loop_closure_ms[part].mean() for part in parts]),
+    ]
+    memory_mb = [record.memory_mb[part].mean() for part in parts]
+    return errors, times, [("", minutes, memory_mb)]
 
 
 def _windows(record: TourRecord) -> list[NDArray[np.intp]]:
     """Indices of the frames of each window, in order."""
     window = ((record.stamp_s - record.stamp_s[0]) // WINDOW_S).astype(int)
     return [np.flatnonzero(window == each) for each in np.unique(window)]
-
-
-def _errors(poses: Trajectory, truth: Trajectory) -> tuple[Array, Array]:
-    """Stamps, and distances of the poses from the truth after the best alignment."""
-    matched = associate(poses, truth)
-    return matched.stamps_s, position_errors_m(matched, best_alignment(matched))
 
 
 OPTIONS = (

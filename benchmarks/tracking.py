@@ -12,16 +12,23 @@ from numpy.typing import NDArray
 from benchmarks.harness import measure_cpu_ms, option
 from drivers.camera import EndOfStream, PlaybackMode, RgbdCamera, RgbdFrame
 from drivers.core import InputError
-from drivers.core.geometry import Array, Trajectory
+from drivers.core.geometry import Array, Trajectory, inverse, nearest_indices, pose_distance
 from drivers.playback.camera import RecordingCamera
 from vo_service.odom_frame import OdomFrame, StampedFrame
 from vo_service.odometry.registry import DEFAULT_METHOD, METHODS, MethodConfig
 from vo_service.odometry.stage_timers import CpuStageTimer
 from vo_service.tools.evaluation.evaluation import Evaluation, evaluate
+from vo_service.tools.evaluation.metrics import (
+    MatchedPoses,
+    PosePairs,
+    associate,
+    tracked_steps,
+)
 from vo_service.types.estimate import Estimate
 from vo_service.types.odometry_update import TrackingState
 
 READ_TIMEOUT_S = 60.0
+MAX_SIGMAS = 3.0
 METHOD = option("--method", choices=METHODS, default=DEFAULT_METHOD)
 FrameChange = Callable[[RgbdFrame], RgbdFrame]
 
@@ -87,6 +94,24 @@ class TrackedSequence:
         """Number of epochs begun after the first."""
         return int(self.epochs[-1]) if len(self.epochs) else 0
 
+    def count_overconfident(self, truth: Trajectory) -> int:
+        """Number of poses whose position is wrong by more than `MAX_SIGMAS` of its sigma.
+
+        The error is that of the motion since the first pose of the epoch.
+        """
+        count, epoch, T_truth_world = 0, -1, np.eye(4)
+        indices = nearest_indices(truth.stamps_s, self.stamps_s)
+        for n, estimate in enumerate(self.estimates):
+            if not estimate.ok:
+                continue
+            T_truth_camera = truth.T_world_camera[indices[n]]
+            if self.epochs[n] != epoch:
+                epoch = int(self.epochs[n])
+                T_truth_world = T_truth_camera @ inverse(estimate.T_world_camera)
+            error_m, _ = pose_distance(T_truth_camera, T_truth_world @ estimate.T_world_camera)
+            count += bool(error_m > MAX_SIGMAS * self.position_sigmas_m[n])
+        return count
+
 
 def track(
     method: str,
@@ -128,7 +153,7 @@ def track(
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Accuracy of one run. None: the trajectory is too short.
+    """Accuracy and cost of one run. None: the trajectory is too short.
 
     Attributes:
         failed: Frames without a pose.
@@ -136,6 +161,13 @@ class Accuracy:
         ate_m: ATE RMSE.
         global_m: Mean global error.
         rpe_1s_m: RPE over a second.
+        max_error_m: Largest error after the best alignment.
+        degraded: Frames in state `degraded`.
+        lost: Frames in state `lost`.
+        overconfident: See `TrackedSequence.count_overconfident`.
+        cpu_ms: Mean processor time of a frame.
+        median_ms: The median.
+        p99_ms: The 99th percentile.
     """
 
     frames: int
@@ -144,6 +176,13 @@ class Accuracy:
     ate_m: float | None
     global_m: float | None
     rpe_1s_m: float | None
+    max_error_m: float | None = None
+    degraded: int = 0
+    lost: int = 0
+    overconfident: int = 0
+    cpu_ms: float = 0.0
+    median_ms: float = 0.0
+    p99_ms: float = 0.0
 
 
 def track_changed(
@@ -169,6 +208,7 @@ def track_changed(
 def evaluate_accuracy(tracked: TrackedSequence, truth: Trajectory) -> Accuracy:
     """Compare tracked poses with the truth."""
     evaluation = evaluate_trajectory(tracked.estimates, tracked.stamps_s, truth)
+    cpu_ms = tracked.cpu_ms if len(tracked.cpu_ms) else np.zeros(1)
     return Accuracy(
         frames=len(tracked.estimates),
         failed=sum(not estimate.ok for estimate in tracked.estimates),
@@ -176,13 +216,20 @@ def evaluate_accuracy(tracked: TrackedSequence, truth: Trajectory) -> Accuracy:
         ate_m=None if evaluation is None else evaluation.ate_rmse_m,
         global_m=None if evaluation is None else evaluation.mean_global_error_m,
         rpe_1s_m=None if evaluation is None else evaluation.rpe_1s_m,
+        max_error_m=None if evaluation is None else evaluation.ate_max_m,
+        degraded=tracked.states.count(TrackingState.DEGRADED),
+        lost=tracked.states.count(TrackingState.LOST),
+        overconfident=tracked.count_overconfident(truth),
+        cpu_ms=float(np.mean(cpu_ms)),
+        median_ms=float(np.median(cpu_ms)),
+        p99_ms=float(np.percentile(cpu_ms, 99)),
     )
 
 
 def evaluate_trajectory(
     estimates: Sequence[Estimate], stamps_s: Sequence[float] | Array, truth: Trajectory | None
 ) -> Evaluation | None:
-    """Evaluate the trajectory; None without ground truth or with too few poses.
+    """Evaluate the estimates of frames; None without ground truth or with too few poses.
 
     Args:
         estimates: Estimates of the frames.
@@ -190,10 +237,33 @@ def evaluate_trajectory(
         truth: True trajectory; None if not known.
     """
     good = [n for n, estimate in enumerate(estimates) if estimate.ok]
-    if truth is None or not good:
+    poses = np.array([estimates[n].T_world_camera for n in good]).reshape(-1, 4, 4)
+    stamps_s = np.array(stamps_s)
+    return evaluate_poses(Trajectory(stamps_s[good], poses), truth, stamps_s)
+
+
+def evaluate_poses(
+    trajectory: Trajectory, truth: Trajectory | None, frame_stamps_s: Array | None = None
+) -> Evaluation | None:
+    """As `evaluate`; None without ground truth or with too few poses."""
+    if truth is None or not len(trajectory):
         return None
-    poses = np.array([estimates[n].T_world_camera for n in good])
     try:
-        return evaluate(Trajectory(np.array(stamps_s)[good], poses), truth, np.array(stamps_s))
+        return evaluate(trajectory, truth, frame_stamps_s)
     except InputError:
         return None
+
+
+def match_steps(
+    trajectory: Trajectory, truth: Trajectory, epochs: NDArray[np.int64]
+) -> tuple[MatchedPoses, PosePairs] | None:
+    """Match poses and their epochs (N,) with the truth; None with too few.
+
+    Returns:
+        The poses with their truth, and the steps between those of an epoch.
+    """
+    try:
+        matched = associate(trajectory, truth)
+    except InputError:
+        return None
+    return matched, tracked_steps(matched, trajectory.stamps_s, epochs)

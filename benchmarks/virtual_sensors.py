@@ -5,33 +5,22 @@ light (the virtual Kinect itself), stereo, near range and time of flight. Comple
 rendered again; each takes about 20 seconds of a core.
 """
 
-import shutil
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from functools import partial
-from multiprocessing import get_context
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.tracking import read_all_frames
+from benchmarks.rendered_sequences import VirtualRecording
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Trajectory
-from drivers.recording.frame_recorder import FrameRecorder
-from drivers.synthetic.camera import SyntheticCamera
 from drivers.synthetic.config import MotionKind, ShutterTiming, SyntheticConfig
-from drivers.tum.writer import TumFolder
 
 SEEDS = tuple(range(1, 21))
 DURATION_S = 5.0
 MOTIONS = (MotionKind.HAND_HELD, MotionKind.ORBIT, MotionKind.SMOOTH)
-# The configuration of a folder; a folder without this file is incomplete.
-CONFIG_RECORD = "sensor.txt"
 # Exact depth, measured from the color camera; the sensors below add their errors.
 EXACT_DEPTH = SyntheticConfig.ideal().depth
 EXACT_DEPTH_FACTOR = 5000.0
@@ -51,20 +40,18 @@ class SensorKind(StrEnum):
 
 
 @dataclass(frozen=True)
-class VirtualSensor:
+class VirtualSensor(VirtualRecording):
     """A depth camera of a seed.
 
     Attributes:
         kind: How it measures.
         noise: Of stereo and near range: sigma of inverse depth, 1/m; of time of flight: sigma of
             the depth of a white surface, m.
-        config: Room, motion and shutter.
         scale: All lengths are multiplied by it: a small scene for near range.
     """
 
     kind: SensorKind
     noise: float
-    config: SyntheticConfig
     scale: float = 1.0
 
     def measure(self, frame: RgbdFrame) -> RgbdFrame:
@@ -100,7 +87,7 @@ def make_sensor(seed: int) -> VirtualSensor:
     if kind is not SensorKind.STRUCTURED_LIGHT:
         config = replace(config, depth=EXACT_DEPTH, depth_factor=EXACT_DEPTH_FACTOR)
     scale = 0.25 if kind is SensorKind.NEAR_RANGE else 1.0
-    return VirtualSensor(kind, noise, config, scale)
+    return VirtualSensor(config, kind, noise, scale)
 
 
 def measure_stereo(
@@ -182,46 +169,6 @@ def _to_depth(inverse: Depth, is_seen: NDArray[np.bool_], range_m: tuple[float, 
     return np.where(is_valid, depth_m, 0.0).astype(np.float32)
 
 
-def render_sensors(
-    folder: Path, seeds: Sequence[int], print_line: Callable[[str], None], processes: int
-) -> dict[str, Path]:
-    """Render the sensors that are missing; return the folder of each by name."""
-    sensors = {f"{make_sensor(seed).kind}-{seed}": make_sensor(seed) for seed in seeds}
-    folder.mkdir(parents=True, exist_ok=True)
-    missing = {n: s for n, s in sensors.items() if not is_complete(folder / n, s)}
-    spawn = get_context("spawn")
-    with ProcessPoolExecutor(
-        processes, spawn, initializer=cv2.setNumThreads, initargs=(1,)
-    ) as pool:
-        rendered = pool.map(partial(_render_named, folder), missing.items())
-        for count, name in enumerate(rendered, 1):
-            print_line(f"rendered {count} of {len(missing)}: {name}")
-    return {name: folder / name for name in sensors}
-
-
-def is_complete(folder: Path, sensor: VirtualSensor) -> bool:
-    """Whether a folder has all frames of this sensor."""
-    record = folder / CONFIG_RECORD
-    return record.is_file() and record.read_text() == f"{sensor}\n"
-
-
-def _render_named(folder: Path, named: tuple[str, VirtualSensor]) -> str:
-    name, sensor = named
-    render_sensor(folder / name, sensor)
-    return name
-
-
-def render_sensor(folder: Path, sensor: VirtualSensor) -> None:
-    """Render the recording of a sensor; an incomplete one is replaced."""
-    shutil.rmtree(folder, ignore_errors=True)
-    once = replace(sensor.config, loop=False)
-    with (
-        TemporaryDirectory() as rendered,
-        SyntheticCamera(once, Path(rendered), threads=1) as camera,
-    ):
-        assert camera.ground_truth is not None
-        truth = sensor.scale_truth(camera.ground_truth)
-        with FrameRecorder(TumFolder(folder, ground_truth=truth)) as writer:
-            for frame in read_all_frames(camera):
-                writer.write(sensor.measure(frame))
-    (folder / CONFIG_RECORD).write_text(f"{sensor}\n")
+def make_sensors(seeds: Sequence[int]) -> dict[str, VirtualSensor]:
+    """Draw the sensors of some seeds, by name."""
+    return {f"{make_sensor(seed).kind}-{seed}": make_sensor(seed) for seed in seeds}

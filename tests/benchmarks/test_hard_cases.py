@@ -19,7 +19,7 @@ from benchmarks.hard_cases import (
     measure_drift,
     read_scene,
 )
-from benchmarks.rendered_sequences import render
+from benchmarks.rendered_sequences import VirtualRecording, render
 from benchmarks.tracking import TrackedSequence, open_frames_with_truth, track
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core import PluginGroup
@@ -63,7 +63,7 @@ class ScriptedEstimates:
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("hard") / "creep"
-    render(place, CONFIG)
+    render(place, VirtualRecording(CONFIG))
     return place
 
 

@@ -10,14 +10,13 @@ from benchmarks.judge import (
     PERTURBATIONS,
     STARTS,
     Case,
-    count_overconfident,
     find_recordings,
     format_judgement,
     read_reference,
     recording_cases,
     run_cases,
 )
-from benchmarks.rendered_sequences import render
+from benchmarks.rendered_sequences import VirtualRecording, render
 from benchmarks.tracking import TrackedSequence
 from drivers.camera import PinholeCamera
 from drivers.core import InputError
@@ -78,7 +77,8 @@ def test_keys_of_different_cases_differ_and_do_not_name_the_folder() -> None:
 
 @pytest.mark.slow
 def test_a_recording_is_judged_with_perturbations_and_from_later_frames(tmp_path: Path) -> None:
-    render(tmp_path / "room", SyntheticConfig(camera=TINY, duration_s=0.3, texel_m=0.05))
+    config = SyntheticConfig(camera=TINY, duration_s=0.3, texel_m=0.05)
+    render(tmp_path / "room", VirtualRecording(config))
     cases = recording_cases(tmp_path / "room", ("surf", "icp"))
     untold = [case for case in cases if case.method == "surf" and not case.is_told]
     assert len(untold) == 1 + len(PERTURBATIONS) + len(STARTS)
@@ -115,7 +115,7 @@ def test_poses_further_off_than_three_sigmas_are_counted() -> None:
         np.full(3, 0.01),
         np.zeros(3),
     )
-    assert count_overconfident(tracked, truth) == 1
+    assert tracked.count_overconfident(truth) == 1
 
 
 def test_a_folder_without_recordings_and_a_broken_reference_are_one_line(tmp_path: Path) -> None:

@@ -6,12 +6,12 @@ import pytest
 
 from benchmarks import control_groups
 from benchmarks.control_groups import limit_processes
-from benchmarks.profiles import ProfileRun, format_runs
+from benchmarks.profiles import format_runs
 from benchmarks.tracking import Accuracy
 
 
-def make_run(ate_m: float | None, cpu_ms: float) -> ProfileRun:
-    return ProfileRun(Accuracy(500, 1, 0, ate_m, None, 0.02), cpu_ms, 2 * cpu_ms)
+def make_run(ate_m: float | None, cpu_ms: float) -> Accuracy:
+    return Accuracy(500, 1, 0, ate_m, None, 0.02, median_ms=cpu_ms, cpu_ms=2 * cpu_ms)
 
 
 def test_a_row_has_the_medians_of_the_runs() -> None:

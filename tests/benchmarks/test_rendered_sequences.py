@@ -7,6 +7,7 @@ import pytest
 
 from benchmarks.rendered_sequences import (
     TIMINGS,
+    VirtualRecording,
     is_complete,
     make_configs,
     render,
@@ -22,10 +23,7 @@ pytestmark = pytest.mark.slow
 
 TINY = PinholeCamera(64, 48, 52.5, 52.5, 31.5, 23.5)
 CONFIG = SyntheticConfig(camera=TINY, duration_s=0.2, texel_m=0.05, motion=MotionKind.STILL)
-
-
-def discard_line(line: str) -> None:
-    raise AssertionError(line)
+FAULTY = replace(CONFIG, faults=(Fault(FaultKind.DROPPED, 2, 1),))
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +31,7 @@ def rendered_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A sequence that was rendered after an interrupted rendering."""
     folder = tmp_path_factory.mktemp("rendered") / "room"
     (folder.with_name("room.part") / "rgb").mkdir(parents=True)
-    render(folder, replace(CONFIG, faults=(Fault(FaultKind.DROPPED, 2, 1),)))
+    render(folder, VirtualRecording(FAULTY))
     return folder
 
 
@@ -46,17 +44,20 @@ def test_a_sequence_is_complete_with_its_truth_and_its_faults(rendered_folder: P
     assert not rendered_folder.with_name("room.part").exists()
 
 
-def test_only_changed_sequences_are_rendered_again(rendered_folder: Path) -> None:
-    config = replace(CONFIG, faults=(Fault(FaultKind.DROPPED, 2, 1),))
-    render_all({rendered_folder: config}, discard_line, 1)
-    assert is_complete(rendered_folder, config)
-    assert not is_complete(rendered_folder, CONFIG)
+def test_only_changed_sequences_are_rendered_again(
+    rendered_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    name = rendered_folder.name
+    assert render_all(rendered_folder.parent, {name: FAULTY}, 1) == {name: rendered_folder}
+    assert capsys.readouterr().err == ""
+    assert is_complete(rendered_folder, VirtualRecording(FAULTY))
+    assert not is_complete(rendered_folder, VirtualRecording(CONFIG))
 
 
 def test_a_folder_of_other_files_is_not_changed(tmp_path: Path) -> None:
     (tmp_path / "thesis.txt").write_text("years of work")
     with pytest.raises(InputError, match="was not written by this program; name another folder"):
-        render(tmp_path, CONFIG)
+        render(tmp_path, VirtualRecording(CONFIG))
     assert (tmp_path / "thesis.txt").exists()
 
 

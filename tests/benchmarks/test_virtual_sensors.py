@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.rendered_sequences import render
 from benchmarks.tracking import open_frames_with_truth
 from benchmarks.virtual_sensors import (
     SensorKind,
@@ -13,7 +14,6 @@ from benchmarks.virtual_sensors import (
     measure_near_range,
     measure_stereo,
     measure_time_of_flight,
-    render_sensor,
 )
 from drivers.camera import PinholeCamera
 
@@ -74,7 +74,7 @@ def test_a_near_scene_is_rendered_with_its_truth_in_the_same_scale(
     camera = PinholeCamera(64, 48, 52.5, 52.5, 31.5, 23.5)
     sensor = make_sensor(2)
     config = replace(sensor.config, camera=camera, duration_s=0.2, texel_m=0.05)
-    render_sensor(tmp_path / "near", replace(sensor, config=config))
+    render(tmp_path / "near", replace(sensor, config=config))
     with open_frames_with_truth(tmp_path / "near") as (frames, _):
         depths_m = np.concatenate([frame.depth_m[frame.depth_m > 0] for frame in frames])
     assert 0.15 <= depths_m.min() < depths_m.max() <= 1.2

@@ -1,0 +1,60 @@
+"""A process that takes part in a benchmark, and talks to it through pipes."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+
+class PipedProcess(subprocess.Popen[str]):
+    """A running process that prints "ready", and reads a line for each command."""
+
+    def wait_until_ready(self) -> None:
+        """Wait until it is ready. Raises RuntimeError if it ends before."""
+        assert self.stdout is not None
+        if self.stdout.readline() != "ready\n":
+            raise RuntimeError(f"{self.args!r} has failed")
+
+    def send(self, command: str) -> None:
+        """Send it a command."""
+        assert self.stdin is not None
+        self.stdin.write(f"{command}\n")
+        self.stdin.flush()
+
+    def end(self) -> Any:
+        """Send it "end"; return its result, a line of JSON."""
+        self.send("end")
+        assert self.stdout is not None
+        return json.loads(self.stdout.readline())
+
+
+@contextmanager
+def running_process(
+    *command: str | Path, environment: Mapping[str, str] | None = None
+) -> Iterator[PipedProcess]:
+    """Run a process; kill it at the end.
+
+    Args:
+        command: Its command line.
+        environment: Its environment; by default that of this process.
+    """
+    pipe = subprocess.PIPE
+    with PipedProcess(command, stdin=pipe, stdout=pipe, env=environment, text=True) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def print_ready() -> None:
+    """Tell the benchmark that this process is ready."""
+    print("ready", flush=True)
+
+
+def end_with(result: object) -> None:
+    """Give the benchmark the result of this process."""
+    json.dump(result, sys.stdout)
+    print(flush=True)

@@ -1,0 +1,39 @@
+"""Plots of figures over time: panels below each other."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import matplotlib as mpl
+from numpy.typing import ArrayLike
+
+# Label, and figures at positions on the axis.
+Line = tuple[str, ArrayLike, ArrayLike]
+
+
+def save_panels(
+    file: Path, x_label: str, panels: Mapping[str, Sequence[Line]], marks: Sequence[float] = ()
+) -> None:
+    """Plot the lines of each panel, by the label of its axis, from 0 on.
+
+    Args:
+        file: The picture.
+        x_label: Label of the axis that all share.
+        panels: The lines of each panel.
+        marks: Positions of dotted lines.
+    """
+    mpl.use("Agg")
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(len(panels), 1, sharex=True, figsize=(8, 9), layout="tight")
+    for axis, (y_label, lines) in zip(axes, panels.items(), strict=True):
+        for label, x, y in lines:
+            axis.plot(x, y, label=label, linewidth=1)
+        for mark in marks:
+            axis.axvline(mark, color="gray", linestyle=":")
+        axis.set_ylabel(y_label)
+        axis.set_ylim(bottom=0)
+        axis.grid(visible=True, alpha=0.3)
+        axis.legend(loc="best", fontsize="small")
+    axes[-1].set_xlabel(x_label)
+    figure.savefig(file, dpi=100)
+    pyplot.close(figure)

@@ -16,7 +16,7 @@ from types import ModuleType
 
 import cv2
 
-from benchmarks.harness import Json, Table, format_counts, median_figure, to_mm
+from benchmarks.harness import Json, Table, format_counts, median_figure
 from drivers.core import InputError
 from vo_service import odometry
 
@@ -64,7 +64,7 @@ ABLATIONS: Mapping[str, Changes] = {
         "SUFFICIENT_SEARCH_SCORE_GAIN": NO_LIMIT,
     },
 }
-ABLATION_TABLE = Table(44, "runs:6d", "ATE:9.2f", "/ unchanged:13", "noise:13", "lost:8")
+ABLATION_TABLE = Table(44, "runs:6d", "ATE:9.2mm", "/ unchanged:13", "noise:13", "lost:8")
 
 
 def load_parameters() -> ModuleType:
@@ -169,7 +169,7 @@ def format_ablation(
                 ABLATION_TABLE.row(
                     f"  {variant}",
                     len(keys),
-                    to_mm(ate_m),
+                    ate_m,
                     None if ratio is None else f"{ratio:.2f}" + " *"[not low <= ratio <= high],
                     f"{low:.2f}-{high:.2f}" if variant == UNCHANGED else "",
                     format_counts([of_variant[key]["failed"] for key in keys]),

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.hard_cases import read_scene
-from benchmarks.harness import Table, option, to_mm
+from benchmarks.harness import Table, option
 from benchmarks.rendered_sequences import render_all
 from benchmarks.tracking import evaluate_accuracy, open_frames_with_truth, track
 from drivers.core.geometry import (
@@ -40,7 +40,7 @@ TRANSLATION_SCALE, ROTATION_SCALE = 1.02, 1.03
 WHEEL_PERIOD_S = 0.02
 FIRST_FRAMES = (0, 1, 2)
 TABLE = Table(
-    *(46, "frames:8d", "degraded:10d", "lost:6d", "epochs:8d", "ATE:8.1f", "largest:9.1f"),
+    *(46, "frames:8d", "degraded:10d", "lost:6d", "epochs:8d", "ATE:8.1mm", "largest:9.1mm"),
     *("beyond 3 sigmas:17d", "CPU ms:8.2f"),
 )
 
@@ -209,7 +209,7 @@ def track_variant(
     return TABLE.row(
         label,
         *(each.frames, each.degraded, each.lost, each.resets),
-        *(to_mm(each.ate_m), to_mm(each.max_error_m), each.overconfident, each.median_ms),
+        *(each.ate_m, each.max_error_m, each.overconfident, each.median_ms),
     )
 
 

@@ -25,17 +25,23 @@ from benchmarks.harness import (
     ResultCache,
     Table,
     Variants,
-    format_mm,
-    measure_cpu_ms,
     median,
     option,
-    to_mm,
 )
-from benchmarks.tracking import METHOD, FrameChange, evaluate_trajectory, open_frames, track_changed
+from benchmarks.tracking import (
+    METHOD,
+    FrameChange,
+    evaluate_accuracy,
+    open_frames_with_truth,
+    track_changed,
+    track_with,
+)
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, Trajectory, so3_exp
+from vo_service.odom_frame import OdomFrame
 from vo_service.odometry.features.parameters import SurfParameters
 from vo_service.odometry.features.views import FeatureView
+from vo_service.odometry.stage_timers import CpuStageTimer
 from vo_service.odometry.surf.odometry import SurfOdometry
 from vo_service.odometry.surf.recovery import RecoveredPose, SurfRecovery
 from vo_service.odometry.warm_up import warm_up
@@ -47,9 +53,13 @@ FrameTransform = Callable[[Frames], Frames]  # the corrupted frames, perhaps few
 MAX_FOCAL_ERROR_PX = 0.5
 MAX_DELAY_ERROR_S = 0.0003
 UNCHANGED = "unchanged"
+TINY_COLUMNS = ("unchanged", "smallest", "median", "largest")
 FIGURES = {"ATE": "ate_m", "RPE/1s": "rpe_1s_m", "failed": "failed"}
-TINY_TABLE = Table(28, "unchanged:11", "smallest:11", "median:11", "largest:11", "ratio:11")
-CALIBRATION_TABLE = Table(28, "ATE:10.2f", "global:10.2f", "RPE/1s:10.2f", "failed:10d")
+TINY_TABLE, COUNT_TABLE = (
+    Table(28, *(f"{name}:11{form}" for name in TINY_COLUMNS), "ratio:11.2f")
+    for form in (".2mm", "g")
+)
+CALIBRATION_TABLE = Table(28, "ATE:10.2mm", "global:10.2mm", "RPE/1s:10.2mm", "failed:10d")
 BLUR_SAMPLES = 9  # views within the exposure that are averaged for motion blur
 
 
@@ -127,17 +137,12 @@ def format_spread(method: str, unchanged: Json, changed: Sequence[Json]) -> str:
     lines = [f"{method}, {len(changed)} perturbations", TINY_TABLE.head]
     for label, key in FIGURES.items():
         values = [result[key] for result in changed]
-        spread: Sequence[float | None] = [None] * 3
-        if None not in values:
-            spread = [min(values), median(values), max(values)]
-        ratio = "-" if key == "failed" or not spread[0] else f"{max(values) / spread[0]:.2f}"
-        cells = [_format_figure(key, value) for value in (unchanged[key], *spread)]
-        lines.append(TINY_TABLE.row(label, *cells, ratio))
+        spread = [None] * 3 if None in values else [min(values), median(values), max(values)]
+        is_length = key != "failed"
+        ratio = max(values) / spread[0] if is_length and spread[0] else None
+        table = TINY_TABLE if is_length else COUNT_TABLE
+        lines.append(table.row(label, unchanged[key], *spread, ratio))
     return "\n".join(lines)
-
-
-def _format_figure(key: str, value: float | None) -> str:
-    return f"{value:g}" if key == "failed" and value is not None else format_mm(value, 2)
 
 
 CALIBRATION_OPTIONS = (
@@ -157,7 +162,7 @@ def measure_wrong_calibration(args: argparse.Namespace) -> None:
         for name, change in make_calibration_errors().items():
             _, result = track_changed(args.method, folder, change)
             errors_m = (result.ate_m, result.global_m, result.rpe_1s_m)
-            print(CALIBRATION_TABLE.row(name, *map(to_mm, errors_m), result.failed), flush=True)
+            print(CALIBRATION_TABLE.row(name, *errors_m, result.failed), flush=True)
 
 
 def make_calibration_errors() -> Mapping[str, FrameChange]:
@@ -321,22 +326,11 @@ class NullRecovery(SurfRecovery):
 
 
 RECOVERIES = {"without": NullRecovery, "with": SurfRecovery}
-CORRUPTED_FIGURES = {"lost": "16d", "epochs": "16d", "ATE": "16.1f", "CPU ms": "16.1f"}
+CORRUPTED_FIGURES = {"lost": "16d", "epochs": "16d", "ATE": "16.1mm", "CPU ms": "16.1f"}
 CORRUPTED_TABLE = Table(
     *(16, "frames:9d"),
     *(f"{name} {case}:{width}" for name, width in CORRUPTED_FIGURES.items() for case in RECOVERIES),
 )
-
-
-@dataclass(frozen=True)
-class RecoveryOutcome:
-    """Result of one pass: frames, frames without a pose, new epochs, error, largest CPU time."""
-
-    frames: int
-    lost: int
-    epochs: int
-    ate_m: float | None
-    cpu_ms: float
 
 
 CORRUPTED_OPTIONS = (FOLDERS,)
@@ -352,40 +346,25 @@ def measure_corrupted(args: argparse.Namespace) -> None:
     """
     warm_up("surf", lambda stage: None)
     for folder in args.folder:
-        with open_frames(folder) as (all_frames, truth):
+        with open_frames_with_truth(folder) as (all_frames, truth):
             frames = list(all_frames)
         print(f"{folder}\n{CORRUPTED_TABLE.head}")
         for name, corruption in CORRUPTIONS.items():
             corrupted = corruption.apply(frames)
-            both = [
-                _track_corrupted(corrupted, truth, recovery) for recovery in RECOVERIES.values()
-            ]
-            print(format_corrupted_row(name, both), flush=True)
+            both = [_track_corrupted(corrupted, truth, each) for each in RECOVERIES.values()]
+            values = [value for pair in zip(*both, strict=True) for value in pair]
+            print(CORRUPTED_TABLE.row(name, len(corrupted), *values), flush=True)
 
 
 def _track_corrupted(
-    frames: Frames, truth: Trajectory | None, make_recovery: type[SurfRecovery]
-) -> RecoveryOutcome:
-    """Track all frames once."""
-    parameters = SurfParameters()
-    odometry = SurfOdometry(parameters=parameters, recovery=make_recovery(parameters))
-    measured = [measure_cpu_ms(partial(odometry.estimate, frame)) for frame in frames]
-    estimates = [estimate for estimate, _ in measured]
-    evaluation = evaluate_trajectory(estimates, [frame.stamp_s for frame in frames], truth)
-    return RecoveryOutcome(
-        frames=len(frames),
-        lost=sum(not e.ok for e in estimates),
-        epochs=sum(e.is_reset for e in estimates),
-        ate_m=evaluation.ate_rmse_m if evaluation else None,
-        cpu_ms=max(spent_ms for _, spent_ms in measured),
-    )
-
-
-def format_corrupted_row(name: str, both: Sequence[RecoveryOutcome]) -> str:
-    """Format one corruption: each figure without recovery, then with it."""
-    without, with_ = ((o.lost, o.epochs, to_mm(o.ate_m), o.cpu_ms) for o in both)
-    values = [value for pair in zip(without, with_, strict=True) for value in pair]
-    return CORRUPTED_TABLE.row(name, both[0].frames, *values)
+    frames: Frames, truth: Trajectory, make_recovery: type[SurfRecovery]
+) -> tuple[float | None, ...]:
+    """Track all frames once; return lost frames, new epochs, error, and largest CPU time."""
+    parameters, timer = SurfParameters(), CpuStageTimer()
+    odometry = SurfOdometry(parameters=parameters, recovery=make_recovery(parameters), timer=timer)
+    tracked = track_with(odometry, timer, frames, OdomFrame())
+    accuracy = evaluate_accuracy(tracked, truth)
+    return accuracy.failed, accuracy.resets, accuracy.ate_m, float(tracked.cpu_ms.max())
 
 
 VARIANTS: Variants = {

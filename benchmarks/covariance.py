@@ -20,12 +20,10 @@ import numpy as np
 
 from benchmarks.harness import Table, option
 from benchmarks.rendered_sequences import render_all
-from benchmarks.tracking import METHOD, open_frames_with_truth
+from benchmarks.tracking import METHOD, open_frames_with_truth, track
 from drivers.core import InputError
 from drivers.core.geometry import Array, Trajectory, inverse, nearest_indices
 from drivers.synthetic.config import MotionKind, ShutterTiming, SyntheticConfig
-from vo_service.odometry.registry import METHODS, MethodConfig
-from vo_service.odometry.stage_timers import CpuStageTimer
 from vo_service.odometry.uncertainty import CovarianceAccumulator
 from vo_service.tools.evaluation.metrics import (
     STAMP_ROUNDING_S,
@@ -105,13 +103,12 @@ class NormalizedErrorCollector:
 
 def _measure(method: str, folder: Path) -> NormalizedErrors:
     """Run a method on a TUM folder. Raises InputError if a frame has no true pose."""
-    odometry = METHODS[method](MethodConfig(), CpuStageTimer())
     collector = NormalizedErrorCollector()
     with open_frames_with_truth(folder) as (frames, truth):
-        for frame in frames:
-            estimate = odometry.estimate(frame)
-            if estimate.ok:
-                collector.add(estimate, _true_pose(truth, frame.stamp_s, folder))
+        tracked = track(method, frames)
+    for stamp_s, estimate in zip(tracked.stamps_s, tracked.estimates, strict=True):
+        if estimate.ok:
+            collector.add(estimate, _true_pose(truth, stamp_s, folder))
     return collector.squares
 
 

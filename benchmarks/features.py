@@ -26,7 +26,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.harness import format_table, measure_cpu_ms, median, option
+from benchmarks.harness import Table, measure_cpu_ms, median, option
 from drivers.core import InputError
 from drivers.core.folders import cache_folder
 from drivers.core.geometry import Array
@@ -456,14 +456,16 @@ def mean(values: Sequence[float]) -> float:
 
 def format_scores(results: Mapping[str, FeatureBenchmarkResult]) -> str:
     """Format the table, one line for each method."""
-    groups = list(next(iter(results.values())).correct_by_change)
-    heads = ["features", "repeat.", "score", "precision", "correct", *groups]
-    heads += ["error px", "CPU ms", "us/feature"]
-    rows = {}
+    groups = next(iter(results.values())).correct_by_change
+    table = Table(
+        *(6, "features:10.0f", "repeat.:9.3f", "score:7.3f", "precision:11.3f", "correct:9.0f"),
+        *(f"{group}:{len(group) + 2}.0f" for group in groups),
+        *("error px:10.2f", "CPU ms:8.1f", "us/feature:12.1f"),
+    )
+    lines = [table.head]
     for name, r in results.items():
-        cells = [f"{r.features:.0f}"]
-        cells += [f"{share:.3f}" for share in (r.repeatability, r.score, r.precision)]
-        cells += [f"{count:.0f}" for count in (r.correct, *r.correct_by_change.values())]
-        cells += [f"{r.error_px:.2f}", f"{r.cpu_ms:.1f}", f"{1e3 * r.cpu_ms / r.features:.1f}"]
-        rows[name] = cells
-    return format_table(heads, rows)
+        shares = (r.features, r.repeatability, r.score, r.precision)
+        correct = (r.correct, *r.correct_by_change.values())
+        costs = (r.error_px, r.cpu_ms, 1e3 * r.cpu_ms / r.features)
+        lines.append(table.row(name, *shares, *correct, *costs))
+    return "\n".join(lines)

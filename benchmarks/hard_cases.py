@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.harness import Table, Variants, measure_cpu_ms, option, to_mm
+from benchmarks.harness import Table, Variants, measure_cpu_ms, option
 from benchmarks.rendered_sequences import THREADS, make_frame, prefetch, render_all
 from benchmarks.tracking import (
     METHOD,
@@ -54,11 +54,11 @@ PERIOD_S = 20.0
 POOL_SIZE = 1 << 24
 SCENE_TABLE = Table(
     *(12, "frames:8d", "degraded:10d", "lost:6d", "epochs:8d", "gross:9", "longest s:11.2f"),
-    *("recovery s:12.2f", "ATE:8.1f", "largest:9.1f"),
+    *("recovery s:12.2f", "ATE:8.1mm", "largest:9.1mm"),
 )
 STILL_TABLE = Table(
-    *(7, "frames:8d", "lost:6d", "at most mm:12.3f", "deg:8.4f", "RMS mm:9.3f", "deg:8.4f"),
-    *("drift mm:10.3f", "deg:8.4f", "CPU ms:8.2f"),
+    *(7, "frames:8d", "lost:6d", "at most mm:12.3mm", "deg:8.4f", "RMS mm:9.3mm", "deg:8.4f"),
+    *("drift mm:10.3mm", "deg:8.4f", "CPU ms:8.2f"),
 )
 
 
@@ -90,7 +90,7 @@ class SceneResult(Accuracy):
             name,
             *(self.frames, self.degraded, self.lost, self.resets),
             f"{self.gross} ({self.gross_tracking})",
-            *(self.longest_gap_s, self.recovery_s, to_mm(self.ate_m), to_mm(self.max_error_m)),
+            *(self.longest_gap_s, self.recovery_s, self.ate_m, self.max_error_m),
         )
 
 
@@ -279,8 +279,7 @@ class DriftResult:
 
     def format_row(self, minutes: int) -> str:
         """The line of the table."""
-        pairs = (self.max_error, self.rms, self.drift)
-        sizes = [size for meters, degrees in pairs for size in (1e3 * meters, degrees)]
+        sizes = (*self.max_error, *self.rms, *self.drift)
         return STILL_TABLE.row(f"{minutes:7}", self.frames, self.lost, *sizes, self.cpu_ms)
 
 

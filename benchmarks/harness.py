@@ -177,11 +177,14 @@ class Table:
 
         Args:
             name_width: Width of the first column, with the rows' names.
-            columns: Heading and format of each, with its width: "frames:8d", "ATE:8.1f".
+            columns: Heading and format of each, with its width: "frames:8d", "seconds:8.1f". The
+                cells of a format such as "8.1mm" are meters.
         """
-        headings, self._formats = zip(*(column.rsplit(":", 1) for column in columns), strict=True)
+        headings, formats = zip(*(column.rsplit(":", 1) for column in columns), strict=True)
+        self._formats = [each.replace("mm", "f") for each in formats]
+        self._scales = [1e3 if each.endswith("mm") else 1 for each in formats]
         self._name_width = name_width
-        self._widths = [int(re.findall(r"\d+", each)[0]) for each in self._formats]
+        self._widths = [int(re.findall(r"\d+", each)[0]) for each in formats]
         self.head = self.text_row("", *headings)
 
     def text_row(self, name: str, *cells: str) -> str:
@@ -195,31 +198,10 @@ class Table:
         return self.text_row(
             name,
             *(
-                "-" if cell is None else cell if isinstance(cell, str) else f"{cell:{format_}}"
-                for cell, format_ in zip(cells, self._formats, strict=True)
+                "-" if cell is None else cell if isinstance(cell, str) else f"{scale * cell:{form}}"
+                for cell, form, scale in zip(cells, self._formats, self._scales, strict=True)
             ),
         )
-
-
-def format_table(headings: Sequence[str], rows: Mapping[str, Sequence[str]]) -> str:
-    """Format a whole table with aligned columns: the rows' names, then their cells."""
-    lines = [("", *headings), *((name, *cells) for name, cells in rows.items())]
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    return "\n".join(
-        f"{name:<{widths[0]}}"
-        + "".join(f"  {cell:>{width}}" for cell, width in zip(cells, widths[1:], strict=True))
-        for name, *cells in lines
-    )
-
-
-def format_mm(value_m: float | None, digits: int = 1) -> str:
-    """Format a length in millimeters; "-" for None."""
-    return "-" if value_m is None else f"{1e3 * value_m:.{digits}f}"
-
-
-def to_mm(value_m: float | None) -> float | None:
-    """Convert a length to millimeters, if there is one."""
-    return None if value_m is None else 1e3 * value_m
 
 
 class ResultCache:

@@ -21,7 +21,6 @@ from benchmarks.harness import (
     format_counts,
     median,
     median_figure,
-    to_mm,
 )
 from benchmarks.rendered_sequences import render_all
 from benchmarks.sensor_timing import tell_exactly, tell_nothing
@@ -174,7 +173,7 @@ def run_case(case: Case) -> Json:
     return result
 
 
-COLUMNS = ("ATE:8.1f", "largest:9.1f", "RPE/1s:8.1f", "lost:6", "sigma:7d", "CPU ms:8.1f")
+COLUMNS = ("ATE:8.1mm", "largest:9.1mm", "RPE/1s:8.1mm", "lost:6", "sigma:7d", "CPU ms:8.1f")
 JUDGE_TABLE = Table(38, "runs:6d", *COLUMNS, "/ ref:7.2f", "best other:22", "/ best:8.2f")
 
 
@@ -232,9 +231,9 @@ def _format_group(
     return JUDGE_TABLE.row(
         group,
         len(runs),
-        to_mm(ate_m),
-        to_mm(max(largest_m, default=None)),
-        to_mm(median(rpe_m)) if rpe_m else None,
+        ate_m,
+        max(largest_m, default=None),
+        median(rpe_m) if rpe_m else None,
         format_counts(lost),
         int(median([run["overconfident"] for run in runs])),
         median([run["cpu_ms"] for run in runs]),

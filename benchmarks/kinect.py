@@ -74,7 +74,7 @@ COST_TABLE = Table(12, "% of a core:12.2f", "ratio:8.2f")
 STEPS_TABLE = Table(32, "CPU ms:10.3f")
 TYPICAL_DISTORTION = (0.2, -0.5, 0.0, 0.0, 0.3)
 RawImage = NDArray[np.uint8]
-PATHS_TABLE = Table(22, "poses:6d", "ATE:9.2f", "farthest:10.3f")
+PATHS_TABLE = Table(22, "poses:6d", "ATE:9.2mm", "farthest:10.3mm")
 RATE_HZ = 30.0
 # The source has ended after this time without a pose.
 SILENCE_TIMEOUT_S = 4.0
@@ -248,9 +248,9 @@ def _compare(folder: Path, max_frames: int | None, scratch: Path) -> None:
             trajectory = _run(path, camera_file, scratch, len(frames))
             trajectory = _match_to_frames(trajectory, stamps_s, truth)
             reference = trajectory if path.name == "folder" else reference
-            ate_mm = 1e3 * evaluate(trajectory, truth).ate_rmse_m
-            max_mm = 1e3 * max_distance_m(trajectory, reference)
-            print(PATHS_TABLE.row(path.name, len(trajectory), ate_mm, max_mm), flush=True)
+            ate_m = evaluate(trajectory, truth).ate_rmse_m
+            max_m = max_distance_m(trajectory, reference)
+            print(PATHS_TABLE.row(path.name, len(trajectory), ate_m, max_m), flush=True)
 
 
 def _run(input_path: InputPath, camera_file: Path, scratch: Path, count: int) -> Trajectory:

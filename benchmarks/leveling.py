@@ -36,7 +36,7 @@ ACCELEROMETER_SIGMA_M_S2 = ACCELEROMETER_BIAS_M_S2 = 0.02 * STANDARD_GRAVITY_M_S
 FLOOR_PERIOD_S = 20.0
 TABLE = Table(
     *(10, "drift deg:10.2f", "floor in view:15s", "tilt rms deg:14.3f", "largest:8.2f"),
-    *("z m:8.3f", "step deg:9.4f", "step mm:8.3f", "bias error g:13.4f"),
+    *("z m:8.3f", "step deg:9.4f", "step mm:8.3mm", "bias error g:13.4f"),
 )
 
 
@@ -123,7 +123,7 @@ def simulate(drive: Drive) -> tuple[float, ...]:
         float(np.max(tilts)),
         float(np.max(np.abs(heights_m))),
         float(max(step[0] for step in steps)),
-        float(1e3 * largest_step_m),
+        float(largest_step_m),
         float(bias_error / STANDARD_GRAVITY_M_S2),
     )
 

@@ -43,8 +43,8 @@ from vo_service.types.odometry_update import OdometryUpdate
 # Most frames of a start in the second session, and frames after its relocalization.
 MAX_FRAMES, SETTLE_FRAMES = 300, 30
 TABLE = Table(
-    *(12, "starts:8d", "known:8d", "wrong:8d", "frames:8.0f", "median:9.1f", "largest:9.1f"),
-    *("deg:7.2f", "a second later:16.1f", "deg:7.2f"),
+    *(12, "starts:8d", "known:8d", "wrong:8d", "frames:8.0f", "median:9.1mm", "largest:9.1mm"),
+    *("deg:7.2f", "a second later:16.1mm", "deg:7.2f"),
 )
 
 
@@ -186,9 +186,9 @@ def format_row(name: str, outcomes: Sequence[SessionStartResult]) -> str:
         name,
         *counts,
         np.median([each.frames for each in known if each.frames is not None]),
-        1e3 * np.median([each.error_m for each in known]),
-        1e3 * max(each.error_m for each in known),
+        np.median([each.error_m for each in known]),
+        max(each.error_m for each in known),
         max(each.error_deg for each in known),
-        1e3 * max(each.settled_error_m for each in known),
+        max(each.settled_error_m for each in known),
         max(each.settled_error_deg for each in known),
     )

@@ -335,7 +335,7 @@ def poses(args: argparse.Namespace) -> int:
     """
     warm_up(DEFAULT_METHOD, lambda stage: None)
     columns = "precision %:13.1f", "recall %:10.1f", "free %:8.1f", "in solids %:13.2f"
-    table = Table(26, *columns, "frames:8d", "error mm:10.1f", "bar:6")
+    table = Table(26, *columns, "frames:8d", "error mm:10.1mm", "bar:6")
     print(table.head)
     exit_code = 0
     for height_m, down_deg in DRIVES:
@@ -348,7 +348,7 @@ def poses(args: argparse.Namespace) -> int:
             ("true", "estimated"),
             figures,
             counts,
-            (None, 1e3 * error_m),
+            (None, error_m),
             (None, "pass" if is_good else "FAIL"),
             strict=True,
         ):

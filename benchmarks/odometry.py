@@ -10,7 +10,7 @@ Each FOLDER is a TUM folder. Times are CPU milliseconds of one thread, without d
 """
 
 import argparse
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
@@ -37,16 +37,21 @@ from benchmarks.harness import (
     ResultCache,
     Table,
     Variants,
-    format_mm,
-    format_table,
     measure_cpu_ms,
     median,
     option,
 )
-from benchmarks.tracking import METHOD, evaluate_trajectory, open_frames
-from drivers.camera import RgbdFrame
+from benchmarks.tracking import (
+    METHOD,
+    TrackedSequence,
+    evaluate_trajectory,
+    open_frames,
+    track,
+    track_with,
+)
 from drivers.core import InputError
 from drivers.tum.folder import read_frame_pairs
+from vo_service.odom_frame import OdomFrame
 from vo_service.odometry.features.descriptor import (
     DESCRIPTOR_SIZE,
     build_pyramid,
@@ -56,7 +61,7 @@ from vo_service.odometry.features.descriptor import (
 from vo_service.odometry.features.detector import find_maxima
 from vo_service.odometry.features.extractor import LAYERS, NEXT_THRESHOLD_RATIO, SurfExtractor
 from vo_service.odometry.features.parameters import SurfParameters
-from vo_service.odometry.registry import METHODS, MethodConfig
+from vo_service.odometry.registry import METHODS
 from vo_service.odometry.stage_timers import STAGE_BUDGETS_MS, CpuStageTimer
 from vo_service.odometry.surf.odometry import SurfOdometry
 from vo_service.odometry.warm_up import warm_up
@@ -66,8 +71,7 @@ from vo_service.tools.compare.baselines.frame_to_frame import (
     sift_odometry,
 )
 from vo_service.tools.evaluation.evaluation import Evaluation
-from vo_service.types.estimate import Estimate
-from vo_service.types.odometry import Odometry, StageTimer
+from vo_service.types.odometry import StageTimer
 
 WHOLE_FRAME = "whole frame"
 BUDGET_TABLE = Table(
@@ -77,32 +81,28 @@ BUDGET_TABLE = Table(
 FEATURE_METHODS = ("SURF", "SIFT", "ORB")
 FEATURE_COUNT = 1000
 FEATURE_STAGES = ("surf", "points", "match", "ransac", "svd", "verify")
+FEATURE_TABLE = Table(
+    *(
+        10,
+        "frames:8d",
+        "failed:8d",
+        "inliers:9.0f",
+        "ATE:7.1mm",
+        "global:8.1mm",
+        "RPE/frame:11.1mm",
+    ),
+    *(
+        "RPE/1s:8.1mm",
+        "cover %:9.1f",
+        *(f"{stage}:8.2f" for stage in FEATURE_STAGES),
+        "CPU ms:8.2f",
+    ),
+)
+FEATURE_RATIOS = Table(
+    *(10, "frames:8d", "failed:8d", "inliers:9.2f", "ATE:7.2f", "global:8.2f", "RPE/frame:11.2f"),
+    *("RPE/1s:8.2f", "cover %:9.2f", *(f"{stage}:8.2f" for stage in FEATURE_STAGES), "CPU ms:8.2f"),
+)
 SURF_ROUNDS = 5
-
-
-@dataclass(frozen=True)
-class MeasuredFrame:
-    """Estimate of one frame, and its milliseconds by stage, including `WHOLE_FRAME`."""
-
-    stamp_s: float
-    estimate: Estimate
-    stage_ms: Mapping[str, float]
-
-
-def measure_frames(
-    odometry: Odometry, clock: CpuStageTimer, frames: Iterable[RgbdFrame]
-) -> Iterator[MeasuredFrame]:
-    """Yield the estimate and the times of each frame.
-
-    Args:
-        odometry: The method.
-        clock: Its timer.
-        frames: The frames.
-    """
-    for frame in frames:
-        estimate, whole_ms = measure_cpu_ms(partial(odometry.estimate, frame))
-        stage_ms = {**clock.take_stage_ms(), WHOLE_FRAME: whole_ms}
-        yield MeasuredFrame(frame.stamp_s, estimate, stage_ms)
 
 
 @dataclass(frozen=True)
@@ -161,15 +161,21 @@ def measure_budget(args: argparse.Namespace) -> int:
     warm_up(args.method, lambda stage: None)
     is_over = False
     for folder in args.folder:
-        clock = CpuStageTimer()
         with open_frames(folder) as (frames, _):
-            odometry = METHODS[args.method](MethodConfig(), clock)
-            measured = measure_frames(odometry, clock, islice(frames, None, None, args.every))
-            stages = compare_with_budget(args.method, [each.stage_ms for each in measured])
+            tracked = track(args.method, islice(frames, None, None, args.every))
+        stages = compare_with_budget(args.method, _with_whole_frame(tracked))
         print(folder, BUDGET_TABLE.head.replace(" " * 12, f"{'stage':12}", 1), sep="\n")
         print(*(spent.format_row(stage) for stage, spent in stages.items()), "", sep="\n")
         is_over |= any(spent.is_over for spent in stages.values())
     return int(is_over)
+
+
+def _with_whole_frame(tracked: TrackedSequence) -> list[dict[str, float]]:
+    """Milliseconds by stage of each frame, including `WHOLE_FRAME`."""
+    return [
+        {**stage_ms, WHOLE_FRAME: float(whole_ms)}
+        for stage_ms, whole_ms in zip(tracked.stage_ms, tracked.cpu_ms, strict=True)
+    ]
 
 
 def compare_with_budget(
@@ -222,33 +228,14 @@ class FeatureResult:
     evaluation: Evaluation | None
 
     @property
-    def errors_m(self) -> list[float | None]:
-        """ATE, mean global error, RPE per frame and per second."""
-        e = self.evaluation
-        if e is None:
-            return [None] * 4
-        return [e.ate_rmse_m, e.mean_global_error_m, e.rpe_frame_m, e.rpe_1s_m]
-
-    @property
-    def cells(self) -> list[str]:
+    def cells(self) -> list[float | None]:
         """The columns of the table."""
-        covered = self.evaluation.coverage if self.evaluation else None
-        return [
-            *(f"{self.frames}", f"{self.failed}", f"{self.inliers:.0f}"),
-            *map(format_mm, self.errors_m),
-            "-" if covered is None else f"{100 * covered:.1f}",
-            *(f"{spent_ms:.2f}" for spent_ms in self.stage_ms.values()),
-        ]
-
-    def ratio_cells(self, other: "FeatureResult") -> list[str]:
-        """The same columns as ratios to those of another kind of features."""
-        errors = [
-            f"{mine / theirs:.2f}" if mine is not None and theirs else "-"
-            for mine, theirs in zip(self.errors_m, other.errors_m, strict=True)
-        ]
-        times = [self.stage_ms[s] / max(other.stage_ms[s], 1e-9) for s in self.stage_ms]
-        inliers = f"{self.inliers / max(other.inliers, 1.0):.2f}"
-        return ["", "", inliers, *errors, "", *(f"{ratio:.2f}" for ratio in times)]
+        e = self.evaluation
+        errors: list[float | None] = [None] * 5
+        if e is not None:
+            percent = None if e.coverage is None else 100 * e.coverage
+            errors = [e.ate_rmse_m, e.mean_global_error_m, e.rpe_frame_m, e.rpe_1s_m, percent]
+        return [self.frames, self.failed, self.inliers, *errors, *self.stage_ms.values()]
 
 
 FEATURE_OPTIONS = (
@@ -266,35 +253,32 @@ def measure_features(args: argparse.Namespace) -> None:
     """
     for folder in args.folder:
         results = {name: measure_method(name, folder) for name in args.methods}
-        print(f"{folder}\n{format_results(results)}\n", flush=True)
+        print(f"{folder}\n{FEATURE_TABLE.head}")
+        print(*(FEATURE_TABLE.row(name, *each.cells) for name, each in results.items()), sep="\n")
+        for name in [*results] if "SIFT" in results else []:
+            if name != "SIFT":
+                pairs = zip(results[name].cells, results["SIFT"].cells, strict=True)
+                ratios = [mine / other if mine and other else None for mine, other in pairs]
+                print(FEATURE_RATIOS.row(f"{name}/SIFT", None, None, *ratios[2:]))
+        print(flush=True)
 
 
 def measure_method(method: str, folder: Path) -> FeatureResult:
     """Run the odometry with one kind of features on all frames of a folder."""
-    clock = CpuStageTimer()
+    timer = CpuStageTimer()
     with open_frames(folder) as (frames, truth):
-        measured = list(measure_frames(make_odometry(method, clock), clock, frames))
-    estimates = [each.estimate for each in measured]
+        tracked = track_with(make_odometry(method, timer), timer, frames, OdomFrame())
+    stages_ms = _with_whole_frame(tracked)
     return FeatureResult(
-        frames=len(measured),
-        failed=sum(not e.ok for e in estimates),
-        inliers=median([e.inliers for e in estimates if e.ok]),
+        frames=len(tracked.estimates),
+        failed=sum(not e.ok for e in tracked.estimates),
+        inliers=median([e.inliers for e in tracked.estimates if e.ok]),
         stage_ms={
-            stage: median([each.stage_ms[stage] for each in measured if stage in each.stage_ms])
+            stage: median([each[stage] for each in stages_ms if stage in each])
             for stage in (*FEATURE_STAGES, WHOLE_FRAME)
         },
-        evaluation=evaluate_trajectory(estimates, [each.stamp_s for each in measured], truth),
+        evaluation=evaluate_trajectory(tracked.estimates, tracked.stamps_s, truth),
     )
-
-
-def format_results(results: Mapping[str, FeatureResult]) -> str:
-    """Format one line for each kind of features; then ratios to SIFT, if it is one of them."""
-    heads = ["frames", "failed", "inliers", "ATE", "global", "RPE/frame", "RPE/1s", "cover %"]
-    rows = {name: result.cells for name, result in results.items()}
-    if "SIFT" in results:
-        for name in (name for name in results if name != "SIFT"):
-            rows[f"{name}/SIFT"] = results[name].ratio_cells(results["SIFT"])
-    return format_table([*heads, *FEATURE_STAGES, "CPU ms"], rows)
 
 
 SURF_OPTIONS = (
@@ -315,8 +299,10 @@ def measure_surf(args: argparse.Namespace) -> None:
     for folder in args.folder:
         pairs = read_frame_pairs(folder).pairs[: max(args.frames, 1)]
         results.append(measure_images([read_gray(pair.color.file) for pair in pairs], args.count))
-    rows = {stage: [f"{ms[stage]:.2f}" for ms in results] for stage in results[0]}
-    print(format_table([folder.name for folder in args.folder], rows))
+    table = Table(24, *(f"{folder.name}:{len(folder.name) + 2}.2f" for folder in args.folder))
+    print(table.head)
+    for stage in results[0]:
+        print(table.row(stage, *(ms[stage] for ms in results)))
 
 
 def measure_images(images: Sequence[Gray], count: int) -> dict[str, float]:

@@ -46,7 +46,7 @@ SPEEDS = np.repeat([0.15, 0.25], 3)
 VIEW_PERIOD_S = 0.5
 MAX_ERROR_M, MAX_ERROR_DEG = 0.05, 3.0
 TABLE = Table(
-    *(18, "trials:8d", "candidates:12d", "verified:10d", "mm:7.1f", "95 %:7.1f", "max:7.1f"),
+    *(18, "trials:8d", "candidates:12d", "verified:10d", "mm:7.1mm", "95 %:7.1mm", "max:7.1mm"),
     *("degrees:9.3f", "sigmas:8.1f", "wrong:7d"),
 )
 # Numbers of most similar keyframes that the ranking checks.
@@ -305,9 +305,9 @@ def _print_row(name: str, trials: Sequence[RecognitionTrial]) -> None:
     counts = (len(trials), sum(each.is_candidate for each in trials), len(verified))
     figures: list[float | None] = [None] * 5
     if verified:
-        error_mm = np.array([1e3 * (each.error_m or 0.0) for each in verified])
+        error_m = np.array([(each.error_m or 0.0) for each in verified])
         figures = [
-            *(*np.percentile(error_mm, [50, 95]), error_mm.max()),
+            *(*np.percentile(error_m, [50, 95]), error_m.max()),
             float(np.median([each.error_deg for each in verified])),
             float(np.percentile([each.normalized_error for each in verified], 95)),
         ]

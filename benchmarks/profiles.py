@@ -26,7 +26,6 @@ from benchmarks.harness import (
     combine_runs,
     option,
     run_in_turn,
-    to_mm,
 )
 from benchmarks.processes import LoadMeter, descendants_of, proportional_mb
 from benchmarks.rendered_sequences import prerender_room
@@ -42,7 +41,7 @@ from vo_service.odometry.registry import DEFAULT_METHOD, PROFILES, MethodConfig
 from vo_service.odometry.warm_up import warm_up
 
 RECORDINGS_TABLE = Table(
-    *(34, "frames:8d", "lost:6.0f", "resets:8.0f", "ATE:8.2f", "RPE 1 s:9.2f"),
+    *(34, "frames:8d", "lost:6.0f", "resets:8.0f", "ATE:8.2mm", "RPE 1 s:9.2mm"),
     *("CPU median:12.2f", "mean:8.2f"),
 )
 BOARD_TABLE = Table(
@@ -95,7 +94,7 @@ def format_runs(name: str, runs: Sequence[Accuracy]) -> str:
     each = combine_runs(runs, frames=max)
     return RECORDINGS_TABLE.row(
         name,
-        *(each.frames, each.failed, each.resets, to_mm(each.ate_m), to_mm(each.rpe_1s_m)),
+        *(each.frames, each.failed, each.resets, each.ate_m, each.rpe_1s_m),
         *(each.median_ms, each.cpu_ms),
     )
 

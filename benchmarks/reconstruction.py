@@ -49,9 +49,9 @@ from vo_service.tools.evaluation.metrics import associate, first_pose_alignment
 GOOD_DISTANCE_M = 0.015
 # A vertex of `reconstruct`: position, normal, color.
 VERTEX = np.dtype([("position", "<f4", 3), ("normal", "<f4", 3), ("color", "u1", 3)])
-SURFACE_COLUMNS = ("vertices:10d", "median:8.1f", "90 %:7.1f", "99 %:7.1f", "in 15 mm:10.1%")
-POSES_TABLE = Table(20, "ATE:7.1f", *SURFACE_COLUMNS, "ms a frame:12.1f", "mesh s:8.2f")
-MAPS_TABLE = Table(40, "ATE:7.1f", *SURFACE_COLUMNS)
+SURFACE_COLUMNS = ("vertices:10d", "median:8.1mm", "90 %:7.1mm", "99 %:7.1mm", "in 15 mm:10.1%")
+POSES_TABLE = Table(20, "ATE:7.1mm", *SURFACE_COLUMNS, "ms a frame:12.1f", "mesh s:8.2f")
+MAPS_TABLE = Table(40, "ATE:7.1mm", *SURFACE_COLUMNS)
 VOLUMES_TABLE = Table(
     22, "ms a frame:12.1f", "slowest:9.1f", "fetch s:9.2f", "MB:7.0f", *SURFACE_COLUMNS
 )
@@ -103,8 +103,7 @@ class SurfaceError:
     @property
     def cells(self) -> tuple[float, ...]:
         """The cells of `SURFACE_COLUMNS`."""
-        distances_mm = (1e3 * each for each in (self.median_m, self.p90_m, self.p99_m))
-        return (self.vertices, *distances_mm, self.within_15mm)
+        return (self.vertices, self.median_m, self.p90_m, self.p99_m, self.within_15mm)
 
 
 def make_solids(config: SyntheticConfig) -> Sequence[Solid]:
@@ -172,10 +171,10 @@ def measure_poses(args: argparse.Namespace) -> None:
             add_ms = _integrate(volume, frames, known)
             mesh, mesh_ms = measure_cpu_ms(volume.extract_mesh)
             surface = SurfaceError.from_vertices(mesh.vertices_m.astype(np.float64), solids)
-            ate_mm = 1e3 * evaluate(known, truth).ate_rmse_m
+            ate_m = evaluate(known, truth).ate_rmse_m
             costs = (median(add_ms), mesh_ms / 1e3)
             print(
-                POSES_TABLE.row(f"{1e3 * voxel_m:g} mm, {name}", ate_mm, *surface.cells, *costs),
+                POSES_TABLE.row(f"{1e3 * voxel_m:g} mm, {name}", ate_m, *surface.cells, *costs),
                 flush=True,
             )
 
@@ -210,7 +209,7 @@ def measure_maps(args: argparse.Namespace) -> None:
     print(MAPS_TABLE.head)
     for folder in args.maps:
         ate_m, surface = measure_map(folder, truth, solids)
-        print(MAPS_TABLE.row(str(folder), 1e3 * ate_m, *surface.cells), flush=True)
+        print(MAPS_TABLE.row(str(folder), ate_m, *surface.cells), flush=True)
 
 
 def measure_map(

@@ -26,7 +26,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.harness import Json, ResultCache, Table, option, to_mm
+from benchmarks.harness import Json, ResultCache, Table, option
 from benchmarks.rendered_sequences import THREADS
 from benchmarks.tours import compute_true_poses, make_runner, make_tour_config, make_tour_frame
 from benchmarks.tracking import METHOD
@@ -56,7 +56,7 @@ STEP_PX = 32
 MAX_SAME_DISTANCE_M = 0.10
 TABLE = Table(
     *(28, "tries:9d", "old:9d", "in 1 s:9d", "new:9d", "nowhere:9d", "wrong:9d", "frames:9.1f"),
-    *("median:9.1f", "largest:9.1f", "deg:9.1f"),
+    *("median:9.1mm", "largest:9.1mm", "deg:9.1f"),
 )
 
 
@@ -263,7 +263,7 @@ class RelocalizationSummary:
         return TABLE.row(
             name,
             *(self.trials, self.old_map, self.prompt, self.new_map, self.nowhere, self.wrong),
-            *(self.median_frames, to_mm(self.median_m), to_mm(self.largest_m), self.largest_deg),
+            *(self.median_frames, self.median_m, self.largest_m, self.largest_deg),
         )
 
 

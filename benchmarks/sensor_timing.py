@@ -26,7 +26,6 @@ from benchmarks.harness import (
     ResultCache,
     Table,
     Variants,
-    format_mm,
     median,
     option,
 )
@@ -57,10 +56,10 @@ DURATION_S = 20.0
 START_FRAMES = (0, 30, 60, 90, 120)
 LEARNED_TABLE = Table(
     *(16, "readout:8.1f", "learned:13", "delay:8.1f", "learned:13", "settled s:11", "3 sigma:9.0%"),
-    *("known:8", "unknown:9", "ratio:7.2f", "failed:9", "resets:8d"),
+    *("known:8.1mm", "unknown:9.1mm", "ratio:7.2f", "failed:9", "resets:8d"),
 )
 START_TABLE = Table(
-    *(28, "known:8", "ignored:9", "learned:9", "ratio:7.2f", "failed:12", "readout:13"),
+    *(28, "known:8.1mm", "ignored:9.1mm", "learned:9.1mm", "ratio:7.2f", "failed:12", "readout:13"),
     "depth offset:14",
 )
 CALIBRATED_TABLE = Table(
@@ -274,7 +273,7 @@ def format_row(name: str, result: Json) -> str:
         *timing,
         "never" if settling_s is None else f"{settling_s:.1f}",
         result["consistent"] / result["seconds"],
-        *(format_mm(run["ate_m"]) for run in (known, unknown)),
+        *(run["ate_m"] for run in (known, unknown)),
         ate_ratio(result),
         f"{known['failed']}, {unknown['failed']}",
         unknown["resets"],
@@ -364,7 +363,7 @@ def format_start(name: str, result: Json) -> str:
     ate_m = [None if run is None else run["ate_m"] for run in runs]
     return START_TABLE.row(
         name,
-        *map(format_mm, ate_m),
+        *ate_m,
         ate_m[2] / ate_m[0] if ate_m[0] and ate_m[2] is not None else None,
         ", ".join("-" if run is None else str(run["failed"]) for run in runs),
         *(

@@ -25,7 +25,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.harness import Json, ResultCache, Table, measure_cpu_ms, option, to_mm
+from benchmarks.harness import Json, ResultCache, Table, measure_cpu_ms, option
 from benchmarks.plots import Line, save_panels
 from benchmarks.processes import memory_mb
 from benchmarks.rendered_sequences import THREADS, make_frame, prefetch
@@ -63,7 +63,7 @@ MINUTE_S = 60.0
 WINDOW_S = 10.0
 LABELS = ("distance from the truth, mm", "CPU, ms per frame", "memory, MB")
 TABLE = Table(
-    *(30, "frames:8d", "cover %:9.1f", "epochs:8d", "gross:7d", "ATE:8.1f", "optimized:11.1f"),
+    *(30, "frames:8d", "cover %:9.1f", "epochs:8d", "gross:7d", "ATE:8.1mm", "optimized:11.1mm"),
     *("loop closures:15d", "wrong:7d", "CPU ms:13", "of loop closure:17", "MB:13"),
 )
 
@@ -277,7 +277,7 @@ class TourResult:
         return TABLE.row(
             name,
             *(self.frames, 100.0 * self.coverage, self.epochs, self.gross),
-            *(to_mm(self.ate_m), to_mm(self.ate_optimized_m)),
+            *(self.ate_m, self.ate_optimized_m),
             *(self.loop_closures, self.wrong_loop_closures),
             *("{:.2f} {:.2f}".format(*pair) for pair in (self.cpu_ms, self.loop_closure_ms)),
             "{:.0f} {:.0f}".format(*self.memory_mb),

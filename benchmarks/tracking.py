@@ -1,6 +1,6 @@
 """Tracking of a recording by a method, and its accuracy."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -25,6 +25,7 @@ from vo_service.tools.evaluation.metrics import (
     tracked_steps,
 )
 from vo_service.types.estimate import Estimate
+from vo_service.types.odometry import Odometry
 from vo_service.types.odometry_update import TrackingState
 
 READ_TIMEOUT_S = 60.0
@@ -69,6 +70,7 @@ class TrackedSequence:
     Attributes:
         position_sigmas_m: (F,) largest standard deviation of the published position, m.
         cpu_ms: (F,) processor time of the odometry, ms.
+        stage_ms: Processor time of the stages of each frame, by name, ms.
     """
 
     stamps_s: Array
@@ -77,6 +79,7 @@ class TrackedSequence:
     epochs: NDArray[np.int64]
     position_sigmas_m: Array
     cpu_ms: Array
+    stage_ms: Sequence[Mapping[str, float]] = ()
 
     @property
     def has_pose(self) -> NDArray[np.bool_]:
@@ -127,20 +130,27 @@ def track(
         odom_frame: With the mount and the wheels of the base; None: a camera without a base.
         config: Settings of the method.
     """
-    odometry = METHODS[method](config, CpuStageTimer())
-    tracker = odom_frame or OdomFrame()
-    stamps_s, estimates, states, epochs, variances, cpu_ms = [], [], [], [], [], []
+    timer = CpuStageTimer()
+    return track_with(METHODS[method](config, timer), timer, frames, odom_frame or OdomFrame())
+
+
+def track_with(
+    odometry: Odometry, timer: CpuStageTimer, frames: Iterable[RgbdFrame], odom_frame: OdomFrame
+) -> TrackedSequence:
+    """As `track`, with an odometry and its timer."""
+    stamps_s, estimates, states, epochs, variances, cpu_ms, stage_ms = [], [], [], [], [], [], []
     for bare_frame in frames:
-        frame = tracker.add_pose_prior(bare_frame, bare_frame.stamp_s)
+        frame = odom_frame.add_pose_prior(bare_frame, bare_frame.stamp_s)
         estimate, spent_ms = measure_cpu_ms(partial(odometry.estimate, frame))
-        update = tracker.update(StampedFrame(frame, frame.stamp_s), estimate, {}, 0.0)
-        tracker.measure_level(update)
+        update = odom_frame.update(StampedFrame(frame, frame.stamp_s), estimate, {}, 0.0)
+        odom_frame.measure_level(update)
         stamps_s.append(frame.stamp_s)
         estimates.append(estimate)
         states.append(update.state)
         epochs.append(update.epoch)
         variances.append(np.linalg.eigvalsh(update.pose_covariance[:3, :3])[-1])
         cpu_ms.append(spent_ms)
+        stage_ms.append(timer.take_stage_ms())
     return TrackedSequence(
         np.array(stamps_s),
         estimates,
@@ -148,6 +158,7 @@ def track(
         np.array(epochs, np.int64),
         np.sqrt(np.array(variances)),
         np.array(cpu_ms),
+        stage_ms,
     )
 
 

@@ -21,7 +21,7 @@ def find_benchmarks() -> dict[str, str]:
     return {
         name: (ast.get_docstring(ast.parse(source)) or "").partition("\n")[0]
         for name, source in sources.items()
-        if "\nOPTIONS = " in source or "\nVARIANTS" in source
+        if "\ndef main(args" in source or "\nVARIANTS: " in source
     }
 
 

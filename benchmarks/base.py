@@ -162,13 +162,9 @@ class SimulatedWheels(NullWheelOdometry):
         self._wheels.add_message(encode_wheel_reading(reading))
 
 
-OPTIONS = (
-    option("folder", type=Path, help="folder of the sequences"),
-    option("--scenes", nargs="*", choices=SCENES, default=list(SCENES)),
-    option("--recordings", nargs="*", type=Path, default=(), help="TUM folders with good views"),
-)
-
-
+@option("folder", type=Path, help="folder of the sequences")
+@option("--scenes", nargs="*", choices=SCENES, default=list(SCENES))
+@option("--recordings", nargs="*", type=Path, default=(), help="TUM folders with good views")
 def main(args: argparse.Namespace) -> None:
     """Track the scenes with what is known of the base: a table with one row for each.
 

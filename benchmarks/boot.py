@@ -358,12 +358,8 @@ LEFTOVER_PATHS = (
 )
 
 
-OPTIONS = (
-    option("--tree", type=Path, default=Path("/var/tmp/kinect-vo-boot")),
-    option("--mirror", default="http://deb.debian.org/debian"),
-)
-
-
+@option("--tree", type=Path, default=Path("/var/tmp/kinect-vo-boot"))
+@option("--mirror", default="http://deb.debian.org/debian")
 def main(args: argparse.Namespace) -> int:
     """Boot twice and print the checks."""
     reason = unsupported_reason() or _python_mismatch()

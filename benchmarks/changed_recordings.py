@@ -93,14 +93,10 @@ def make_perturbation(seed: int) -> Perturbation:
     return Perturbation(seed, MAX_FOCAL_ERROR_PX * focal, MAX_DELAY_ERROR_S * delay)
 
 
-TINY_OPTIONS = (
-    option("kept", metavar="KEPT", type=Path, help="folder of stored results"),
-    FOLDERS,
-    METHOD,
-    option("--count", type=int, default=20, help="perturbations of each recording"),
-)
-
-
+@option("kept", metavar="KEPT", type=Path, help="folder of stored results")
+@FOLDERS
+@METHOD
+@option("--count", type=int, default=20, help="perturbations of each recording")
 def measure_tiny_changes(args: argparse.Namespace) -> None:
     """Sensitivity of a method to tiny changes of a recording.
 
@@ -145,12 +141,8 @@ def format_spread(method: str, unchanged: Json, changed: Sequence[Json]) -> str:
     return "\n".join(lines)
 
 
-CALIBRATION_OPTIONS = (
-    FOLDERS,
-    METHOD,
-)
-
-
+@FOLDERS
+@METHOD
 def measure_wrong_calibration(args: argparse.Namespace) -> None:
     """Errors from a wrong calibration: the same recordings with one changed camera parameter.
 
@@ -333,9 +325,7 @@ CORRUPTED_TABLE = Table(
 )
 
 
-CORRUPTED_OPTIONS = (FOLDERS,)
-
-
+@FOLDERS
 def measure_corrupted(args: argparse.Namespace) -> None:
     """Tracking by `surf` of recordings with corrupted pieces, with and without recovery.
 
@@ -368,7 +358,7 @@ def _track_corrupted(
 
 
 VARIANTS: Variants = {
-    "tiny": (TINY_OPTIONS, measure_tiny_changes),
-    "calibration": (CALIBRATION_OPTIONS, measure_wrong_calibration),
-    "corrupted": (CORRUPTED_OPTIONS, measure_corrupted),
+    "tiny": measure_tiny_changes,
+    "calibration": measure_wrong_calibration,
+    "corrupted": measure_corrupted,
 }

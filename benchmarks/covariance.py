@@ -121,15 +121,11 @@ def _true_pose(truth: Trajectory, stamp_s: float, folder: Path) -> Array:
     return T_truth_camera
 
 
-OPTIONS = (
-    option("folder", nargs="*", type=Path, help="TUM folder with ground truth"),
-    option("--rooms", type=Path, metavar="FOLDER", help="render rooms into this folder"),
-    option("--seeds", nargs="+", type=int, default=SEEDS, help="seeds of the rooms"),
-    option("--processes", type=int, default=1, help="rendering processes"),
-    METHOD,
-)
-
-
+@option("folder", nargs="*", type=Path, help="TUM folder with ground truth")
+@option("--rooms", type=Path, metavar="FOLDER", help="render rooms into this folder")
+@option("--seeds", nargs="+", type=int, default=SEEDS, help="seeds of the rooms")
+@option("--processes", type=int, default=1, help="rendering processes")
+@METHOD
 def main(args: argparse.Namespace) -> None:
     """Render missing rooms, measure and print."""
     print(TABLE.head)

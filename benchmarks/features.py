@@ -16,7 +16,7 @@ The scores follow Mikolajczyk and Schmid, "A Performance Evaluation of Local Des
 import argparse
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -37,6 +37,12 @@ from vo_service.odometry.features.extractor import SurfExtractor
 
 SYNTHETIC = SyntheticConfig(duration_s=18.0, rate_hz=1 / 3)  # six views, far apart
 TIMING_ROUNDS = 5
+GROUPS = ("rotation", "scale", "both", "perspective", "blur", "light", "noise")
+TABLE = Table(
+    *(6, "features:10.0f", "repeat.:9.3f", "score:7.3f", "precision:11.3f", "correct:9.0f"),
+    *(f"{group}:{len(group) + 2}.0f" for group in GROUPS),
+    *("error px:10.2f", "CPU ms:8.1f", "us/feature:12.1f"),
+)
 Gray = NDArray[np.uint8]
 Corners = list[tuple[float, float]]
 
@@ -345,42 +351,18 @@ def _count_repeated(a_px: Array, a_scale: Array, b_px: Array, b_scale: Array) ->
     return int(min(is_same.any(axis=1).sum(), is_same.any(axis=0).sum()))
 
 
-@dataclass(frozen=True)
-class FeatureBenchmarkResult:
-    """Means of one method over all images and transforms.
-
-    `repeatability`, `score` and `precision` are 0 to 1. `correct` are correct matches per pair of
-    images. `error_px` is the median error of correct matches. `features` and `cpu_ms` are those of
-    an original image, on one thread.
-    """
-
-    features: float
-    repeatability: float
-    score: float
-    precision: float
-    correct: float
-    correct_by_change: dict[str, float]
-    error_px: float
-    cpu_ms: float
-
-
-OPTIONS = (
-    option(
-        "source", nargs="*", type=Path, help="TUM folder or image (default: the virtual Kinect)"
-    ),
-    option("--frames", type=int, default=2, help="frames of each folder (2)"),
-)
-
-
+@option("source", nargs="*", type=Path, help="TUM folder or image (default: the virtual Kinect)")
+@option("--frames", type=int, default=2, help="frames of each folder (2)")
 def main(args: argparse.Namespace) -> None:
     """Measure and print."""
     images = list(load_images(args.source, args.frames))
-    results = {}
+    rows = {}
     for name, method in make_all_methods().items():
         print(f"measuring {name} ...", file=sys.stderr)
-        results[name] = measure(method, images)
+        rows[name] = measure(method, images)
     print(f"{len(images)} images, {len(all_transforms())} transforms of each")
-    print(format_scores(results))
+    print(TABLE.head)
+    print(*(TABLE.row(name, *cells) for name, cells in rows.items()), sep="\n")
 
 
 def load_images(sources: Sequence[Path], frames: int) -> Iterator[Gray]:
@@ -411,24 +393,25 @@ def sample_images(folder: Path, count: int) -> list[Path]:
     return [pairs[i].color.file for i in chosen]
 
 
-def measure(method: FeatureMethod, images: Sequence[Gray]) -> FeatureBenchmarkResult:
-    """Measure a method on all transforms of all images, and its time on the originals."""
+def measure(method: FeatureMethod, images: Sequence[Gray]) -> list[float]:
+    """Measure a method on all transforms of all images; return the cells of its row.
+
+    They are means over images and transforms; the error is the median of the correct matches. The
+    number of features and the processor time are those of an original image, on one thread.
+    """
     cpu_ms, features = np.mean([measure_cost(method, image) for image in images], axis=0)
     scores = [pair for image in images for pair in score_method(method, image)]
     every = [score for _, score in scores]
-    return FeatureBenchmarkResult(
-        features=float(features),
-        repeatability=mean([s.repeated / s.max_repeatable for s in every if s.max_repeatable]),
-        score=mean([s.correct / s.max_repeatable for s in every if s.max_repeatable]),
-        precision=mean([s.correct / s.matches for s in every if s.matches]),
-        correct=mean([s.correct for s in every]),
-        correct_by_change={
-            group: mean([s.correct for kind, s in scores if kind == group])
-            for group in dict.fromkeys(group for group, _ in scores)
-        },
-        error_px=median(np.concatenate([s.errors_px for s in every]).tolist()),
-        cpu_ms=float(cpu_ms),
-    )
+    correct = [[s.correct for kind, s in scores if kind == group] for group in GROUPS]
+    return [
+        float(features),
+        mean([s.repeated / s.max_repeatable for s in every if s.max_repeatable]),
+        mean([s.correct / s.max_repeatable for s in every if s.max_repeatable]),
+        mean([s.correct / s.matches for s in every if s.matches]),
+        *(mean(counts) for counts in ([s.correct for s in every], *correct)),
+        median(np.concatenate([s.errors_px for s in every]).tolist()),
+        *(float(cpu_ms), 1e3 * float(cpu_ms / features)),
+    ]
 
 
 def score_method(method: FeatureMethod, image: Gray) -> Iterator[tuple[str, FeatureScore]]:
@@ -452,20 +435,3 @@ def measure_cost(method: FeatureMethod, image: Gray) -> tuple[float, int]:
 def mean(values: Sequence[float]) -> float:
     """Arithmetic mean; 0 for no values."""
     return float(np.mean(values)) if values else 0.0
-
-
-def format_scores(results: Mapping[str, FeatureBenchmarkResult]) -> str:
-    """Format the table, one line for each method."""
-    groups = next(iter(results.values())).correct_by_change
-    table = Table(
-        *(6, "features:10.0f", "repeat.:9.3f", "score:7.3f", "precision:11.3f", "correct:9.0f"),
-        *(f"{group}:{len(group) + 2}.0f" for group in groups),
-        *("error px:10.2f", "CPU ms:8.1f", "us/feature:12.1f"),
-    )
-    lines = [table.head]
-    for name, r in results.items():
-        shares = (r.features, r.repeatability, r.score, r.precision)
-        correct = (r.correct, *r.correct_by_change.values())
-        costs = (r.error_px, r.cpu_ms, 1e3 * r.cpu_ms / r.features)
-        lines.append(table.row(name, *shares, *correct, *costs))
-    return "\n".join(lines)

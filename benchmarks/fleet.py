@@ -103,13 +103,9 @@ def _write(file: Path, text: str) -> Path:
     return file
 
 
-OPTIONS = (
-    option("--robots", type=int, default=20),
-    option("--seconds", type=int, default=60),
-    option("--processes", type=int, default=4, help="processes of the robots (default: 4)"),
-)
-
-
+@option("--robots", type=int, default=20)
+@option("--seconds", type=int, default=60)
+@option("--processes", type=int, default=4, help="processes of the robots (default: 4)")
 def main(args: argparse.Namespace) -> int:
     """Measure and print a table."""
     with tempfile.TemporaryDirectory() as folder:

@@ -94,13 +94,9 @@ class SceneResult(Accuracy):
         )
 
 
-SCENES_OPTIONS = (
-    option("folder", type=Path, help="folder of the sequences"),
-    METHOD,
-    option("--only", nargs="+", choices=SCENES, default=SCENES, metavar="CASE"),
-)
-
-
+@option("folder", type=Path, help="folder of the sequences")
+@METHOD
+@option("--only", nargs="+", choices=SCENES, default=SCENES, metavar="CASE")
 def measure_scenes(args: argparse.Namespace) -> None:
     """Tracking in difficult scenes: a table with one row for each.
 
@@ -283,13 +279,9 @@ class DriftResult:
         return STILL_TABLE.row(f"{minutes:7}", self.frames, self.lost, *sizes, self.cpu_ms)
 
 
-STILL_OPTIONS = (
-    option("--minutes", type=int, default=60, help="minutes of frames"),
-    option("--seed", type=int, default=1, help="seed of the room and of the noise"),
-    METHOD,
-)
-
-
+@option("--minutes", type=int, default=60, help="minutes of frames")
+@option("--seed", type=int, default=1, help="seed of the room and of the noise")
+@METHOD
 def measure_standing_still(args: argparse.Namespace) -> None:
     """Drift of a stationary camera's pose, by default over an hour of frames.
 
@@ -350,6 +342,6 @@ def _twist_size(twist: Array) -> Array:
 
 
 VARIANTS: Variants = {
-    "scenes": (SCENES_OPTIONS, measure_scenes),
-    "still": (STILL_OPTIONS, measure_standing_still),
+    "scenes": measure_scenes,
+    "still": measure_standing_still,
 }

@@ -1,9 +1,8 @@
 """The harness of the benchmarks: command line, errors, times, tables, and results that are kept.
 
-A benchmark is a module whose docstring is its help. It has `OPTIONS`, and `main(args)`, which
-measures, prints, and returns an exit code or None. A benchmark with several variants has the
-options and the function of each in `VARIANTS`, by name; the help of a variant is the docstring of
-its function.
+A benchmark is a module whose docstring is its help. It has `main(args)`, which is decorated with
+its options, measures, prints, and returns an exit code or None. A benchmark with several variants
+has the function of each in `VARIANTS`, by name; the help of a variant is its function's docstring.
 """
 
 import argparse
@@ -14,7 +13,6 @@ import statistics
 import sys
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from inspect import cleandoc
 from pathlib import Path
 from types import ModuleType
@@ -28,24 +26,20 @@ from drivers.core.files import atomic_write
 
 Json = dict[str, Any]
 Main = Callable[[argparse.Namespace], int | None]
+Variants = Mapping[str, Main]
+Measure = TypeVar("Measure", bound=Main)
 T = TypeVar("T")
 Key = TypeVar("Key")
 
 
-@dataclass(frozen=True)
-class Option:
-    """An option, or an argument by position: what `ArgumentParser.add_argument` takes."""
+def option(*names: str, **settings: Any) -> Callable[[Measure], Measure]:
+    """Give a function that measures an option: the arguments of `ArgumentParser.add_argument`."""
 
-    names: tuple[str, ...]
-    settings: Mapping[str, Any]
+    def add(measure: Measure) -> Measure:
+        vars(measure).setdefault("options", []).insert(0, (names, settings))
+        return measure
 
-
-Variants = Mapping[str, tuple[Sequence[Option], Main]]
-
-
-def option(*names: str, **settings: Any) -> Option:
-    """Make an option from the arguments of `ArgumentParser.add_argument`."""
-    return Option(names, settings)
+    return add
 
 
 PROCESSES = option("--processes", type=int, default=os.cpu_count() or 1)
@@ -72,7 +66,7 @@ def run_benchmark(name: str, module: ModuleType, arguments: Sequence[str]) -> in
     if hasattr(module, "VARIANTS"):
         _add_variants(parser, module.VARIANTS)
     else:
-        _add_options(parser, module.OPTIONS, module.main)
+        _add_options(parser, module.main)
     args = parser.parse_args(arguments)
     cv2.setNumThreads(1)
     try:
@@ -87,7 +81,7 @@ def run_benchmark(name: str, module: ModuleType, arguments: Sequence[str]) -> in
 
 def _add_variants(parser: argparse.ArgumentParser, variants: Variants) -> None:
     commands = parser.add_subparsers(required=True, metavar="VARIANT")
-    for name, (options, main) in variants.items():
+    for name, main in variants.items():
         description = cleandoc(main.__doc__ or "")
         command = commands.add_parser(
             name,
@@ -95,12 +89,12 @@ def _add_variants(parser: argparse.ArgumentParser, variants: Variants) -> None:
             description=description,
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
-        _add_options(command, options, main)
+        _add_options(command, main)
 
 
-def _add_options(parser: argparse.ArgumentParser, options: Sequence[Option], main: Main) -> None:
-    for each in options:
-        parser.add_argument(*each.names, **each.settings)
+def _add_options(parser: argparse.ArgumentParser, main: Main) -> None:
+    for names, settings in vars(main).get("options", []):
+        parser.add_argument(*names, **settings)
     parser.set_defaults(main=main)
 
 

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.harness import Table, Variants, measure_cpu_ms, median, option, run_in_turn
-from benchmarks.led_timing import OPTIONS_OF_STAMP, measure_stamp
+from benchmarks.led_timing import measure_stamp
 from benchmarks.processes import Load, LoadMeter
 from benchmarks.tracking import open_frames_with_truth
 from drivers.calibration import find_calibration, format_calibration
@@ -161,12 +161,8 @@ def _repeat(step: Callable[[], object], seconds: float) -> None:
         step()
 
 
-COST_OPTIONS = (
-    option("--seconds", type=float, default=10.0, help="duration of each variant"),
-    option("--rounds", type=int, default=3, help="runs of each variant; the median counts"),
-)
-
-
+@option("--seconds", type=float, default=10.0, help="duration of each variant")
+@option("--rounds", type=int, default=3, help="runs of each variant; the median counts")
 def measure_cost(args: argparse.Namespace) -> None:
     """CPU time of the Kinect driver, compared with a bare libfreenect loop that copies each image.
 
@@ -204,12 +200,8 @@ class InputPath:
     environment: Mapping[str, str]
 
 
-PATHS_OPTIONS = (
-    option("folder", type=Path),
-    option("--frames", type=int, default=None, help="use only the first N frames"),
-)
-
-
+@option("folder", type=Path)
+@option("--frames", type=int, default=None, help="use only the first N frames")
 def compare_paths(args: argparse.Namespace) -> None:
     """Poses of the same frames through each camera of the service.
 
@@ -343,13 +335,9 @@ def make_steps(
     }
 
 
-STEPS_OPTIONS = (
-    option("folder", type=Path, help="TUM folder that a simulated Kinect plays"),
-    option("--frames", type=int, default=60, help="number of frames"),
-    option("--rounds", type=int, default=9, help="repetitions; the median counts"),
-)
-
-
+@option("folder", type=Path, help="TUM folder that a simulated Kinect plays")
+@option("--frames", type=int, default=60, help="number of frames")
+@option("--rounds", type=int, default=9, help="repetitions; the median counts")
 def measure_steps(args: argparse.Namespace) -> None:
     """CPU time per frame of each step of the driver, on raw frames in a tight loop.
 
@@ -380,10 +368,10 @@ def _mean_ms(run: Callable[[], object], count: int) -> float:
 
 
 VARIANTS: Variants = {
-    "cost": (COST_OPTIONS, measure_cost),
-    "paths": (PATHS_OPTIONS, compare_paths),
-    "steps": (STEPS_OPTIONS, measure_steps),
-    "stamp": (OPTIONS_OF_STAMP, measure_stamp),
+    "cost": measure_cost,
+    "paths": compare_paths,
+    "steps": measure_steps,
+    "stamp": measure_stamp,
 }
 
 if __name__ == "__main__":  # one of DRIVERS

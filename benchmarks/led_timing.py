@@ -126,12 +126,8 @@ class BlinkingLight:
         self._thread.join()
 
 
-OPTIONS_OF_STAMP = (
-    option("--serial", default="", help="serial number (default: the first Kinect)"),
-    option("--seconds", type=float, default=60.0, help="duration"),
-)
-
-
+@option("--serial", default="", help="serial number (default: the first Kinect)")
+@option("--seconds", type=float, default=60.0, help="duration")
 def measure_stamp(args: argparse.Namespace) -> int:
     """Offset of a Kinect's color stamp from the exposure, measured by its own LED in a mirror.
 

@@ -57,12 +57,8 @@ class Drive:
     seed: int
 
 
-OPTIONS = (
-    option("--minutes", type=float, default=60.0),
-    option("--seeds", type=int, default=3),
-)
-
-
+@option("--minutes", type=float, default=60.0)
+@option("--seeds", type=int, default=3)
 def main(args: argparse.Namespace) -> None:
     """Simulate the drives and print a table."""
     print(TABLE.head)

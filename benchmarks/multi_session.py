@@ -139,14 +139,10 @@ def _track_frame(runner: LoopClosureRunner, frame: RgbdFrame) -> OdometryUpdate:
     return runner.last_update
 
 
-OPTIONS = (
-    option("folder", type=Path, help="folder of rendered frames, maps and results"),
-    option("--seeds", nargs="+", type=int, default=[1, 2, 3, 4, 5]),
-    option("--starts", type=int, default=20, help="starts of each seed"),
-    METHOD,
-)
-
-
+@option("folder", type=Path, help="folder of rendered frames, maps and results")
+@option("--seeds", nargs="+", type=int, default=[1, 2, 3, 4, 5])
+@option("--starts", type=int, default=20, help="starts of each seed")
+@METHOD
 def main(args: argparse.Namespace) -> None:
     """Run the seeds without stored results, and print all."""
     cache, together = ResultCache(args.folder), list[SessionStartResult]()

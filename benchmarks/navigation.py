@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.harness import Table, measure_cpu_ms, option
+from benchmarks.harness import Table, Variants, measure_cpu_ms, option
 from benchmarks.rendered_sequences import make_frame, prefetch
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import T_BODY_CAMERA, Array, inverse, rigid_transform, so3_exp
@@ -51,6 +51,11 @@ MOUNTINGS = (
 PHANTOM_M = 0.10
 # Pixels of an obstacle in the true image, which is not thinned out.
 TRUE_PIXELS = 8
+SCAN_TABLE = Table(
+    *(14, "p50 cm:8.1f", "p95 cm:8.1f", "phantoms %:12.2f", "missed %:10.2f", "2 deg %:10.2f"),
+    "ms:7.2f",
+)
+CELL_COLUMNS = ("precision %:13.1f", "recall %:10.1f", "free %:8.1f", "in solids %:13.2f")
 # With a wrong tilt, what is this high is no longer floor.
 FLOOR_M = 0.03
 # Of the grid: the defaults of the configuration.
@@ -85,19 +90,19 @@ class DepthPair:
 
 
 class VirtualRoom:
-    """The room of a configuration, and a depth camera in it.
+    """A virtual room, and a depth camera in it.
 
     Args:
         T_world_base: (N, 4, 4) poses of the base.
         T_base_camera: 4x4.
-        config: The room and the sensor.
+        seed: Of the room.
     """
 
-    def __init__(self, T_world_base: Array, T_base_camera: Array, config: SyntheticConfig) -> None:
+    def __init__(self, T_world_base: Array, T_base_camera: Array, seed: int) -> None:
         motion = FixedPoses(T_world_base @ T_base_camera)
         self._T_world_base = T_world_base
-        self._config = config = replace(
-            config,
+        self._config = config = SyntheticConfig(
+            seed=seed,
             texel_m=0.05,
             rate_hz=1.0,
             duration_s=float(len(T_world_base)),
@@ -164,28 +169,22 @@ def true_ranges(
     return nearest
 
 
-SCAN_OPTIONS = (
-    option("--views", type=int, default=24, help="of each mounting"),
-    option("--seed", type=int, default=11, help="of the room"),
-)
-
-
+@option("--views", type=int, default=24, help="of each mounting")
+@option("--seed", type=int, default=11, help="of the room")
 def scan(args: argparse.Namespace) -> None:
     """Measure the scan's error, phantoms and misses.
 
     A phantom is nearer by more than 10 cm than what a noise-free sensor measures there; a miss is
     an obstacle with no range at all. With a wrong tilt, only what is floor is a phantom.
     """
-    columns = "p50 cm:8.1f", "p95 cm:8.1f", "phantoms %:12.2f", "missed %:10.2f", "2 deg %:10.2f"
-    table = Table(14, *columns, "ms:7.2f")
-    print(table.head)
+    print(SCAN_TABLE.head)
     config = ScanConfig()
     for height_m, down_deg in MOUNTINGS:
         T_base_camera = mounting_pose(height_m, down_deg)
         errors: list[float] = []
         counts = np.zeros(4)  # ranges, phantoms, misses, phantoms with a wrong tilt
         times_ms = []
-        room = VirtualRoom(_random_places(args.views), T_base_camera, _room(args.seed))
+        room = VirtualRoom(_random_places(args.views), T_base_camera, args.seed)
         for pair in room.pairs():
             scanner = RobotScanner(config, T_base_camera)
             angles, ranges = scanner.scan(pair.measured, T_base_camera)
@@ -195,8 +194,7 @@ def scan(args: argparse.Namespace) -> None:
             along_m = np.hypot(points[:, 0], points[:, 1])
             rising = config.min_height_m + np.tan(np.radians(1.0)) * along_m
             truth = true_ranges(points, angles, rising, height_m + 0.15, config.range_min_m)
-            is_told = np.isfinite(ranges) & np.isfinite(truth)
-            errors.extend(np.abs(ranges - truth)[is_told])
+            errors.extend(np.abs(ranges - truth)[np.isfinite(ranges) & np.isfinite(truth)])
             R_tilt = so3_exp([0.0, np.radians(-2.0), 0.0])
             tilted = rigid_transform(R_tilt @ T_base_camera[:3, :3], T_base_camera[:3, 3])
             leaked = scanner.scan(pair.measured, tilted)[1]
@@ -206,21 +204,21 @@ def scan(args: argparse.Namespace) -> None:
             counts += np.array(
                 [
                     angles.bins,
-                    np.count_nonzero(is_told & (ranges < truth - PHANTOM_M))
-                    + np.count_nonzero(np.isfinite(ranges) & np.isnan(truth)),
+                    count_phantoms(ranges, truth),
                     np.count_nonzero(~np.isfinite(ranges) & (truth < config.range_max_m)),
-                    np.count_nonzero(leaked < surface - PHANTOM_M)
-                    + np.count_nonzero(np.isfinite(leaked) & np.isnan(surface)),
+                    count_phantoms(leaked, surface),
                 ]
             )
         shares = 100.0 * counts[1:] / counts[0]
         spread = 100.0 * np.percentile(errors, (50, 95))
         name = f"{height_m:g} m, {down_deg:g} deg"
-        print(table.row(name, *spread, *shares, float(np.median(times_ms))), flush=True)
+        print(SCAN_TABLE.row(name, *spread, *shares, float(np.median(times_ms))), flush=True)
 
 
-def _room(seed: int) -> SyntheticConfig:
-    return replace(SyntheticConfig(), seed=seed)
+def count_phantoms(ranges: NDArray[np.float32], truth: Array) -> int:
+    """Count ranges that are nearer than the true ones, or where there is none."""
+    is_phantom = (ranges < truth - PHANTOM_M) | (np.isfinite(ranges) & np.isnan(truth))
+    return int(np.count_nonzero(is_phantom))
 
 
 def _random_places(count: int) -> Array:
@@ -240,25 +238,20 @@ TRUE_CELL_PIXELS = 8
 REPEATED_KEYFRAMES = 1000
 
 
-GRID_OPTIONS = (
-    option("--keyframes", type=int, default=72, help="of each drive"),
-    option("--seed", type=int, default=11, help="of the room"),
-    option("--drift-mm", type=float, default=0.0, help="of each keyframe's pose"),
-)
-
-
+@option("--keyframes", type=int, default=72, help="of each drive")
+@option("--seed", type=int, default=11, help="of the room")
+@option("--drift-mm", type=float, default=0.0, help="of each keyframe's pose")
 def grid(args: argparse.Namespace) -> None:
     """Measure the occupancy grid of a drive in a circle, against exact images and the room.
 
     Precision and recall are within one cell. Free is the share of the floor in view that the grid
     has as free; in solids, the share of its free cells that are inside of furniture or walls.
     """
-    columns = "precision %:13.1f", "recall %:10.1f", "free %:8.1f", "in solids %:13.2f"
-    table = Table(14, *columns, "cells:8d", "frame ms:10.2f", "1000 ms:9.1f")
+    table = Table(14, *CELL_COLUMNS, "cells:8d", "frame ms:10.2f", "1000 ms:9.1f")
     print(table.head)
     for height_m, down_deg in DRIVES:
         T_base_camera = mounting_pose(height_m, down_deg)
-        room = VirtualRoom(_drive(args.keyframes), T_base_camera, _room(args.seed))
+        room = VirtualRoom(_drive(args.keyframes), T_base_camera, args.seed)
         drawing = GridMapper(ScanConfig(), T_base_camera, RESOLUTION_M, RANGE_MAX_M)
         truth = TrueCells()
         cells, poses, times_ms = [], [], []
@@ -324,9 +317,7 @@ class RoundTrip(CameraMotion):
         return make_poses(position, yaw, np.full_like(yaw, self._down_rad), np.zeros_like(yaw))
 
 
-POSES_OPTIONS = (option("--seed", type=int, default=11, help="of the room"),)
-
-
+@option("--seed", type=int, default=11, help="of the room")
 def poses(args: argparse.Namespace) -> int:
     """Compare the grid by estimated poses of a drive in a circle with that by true poses.
 
@@ -334,8 +325,7 @@ def poses(args: argparse.Namespace) -> int:
     code 1 if estimated poses cost more than one percentage point. It takes eight minutes.
     """
     warm_up(DEFAULT_METHOD, lambda stage: None)
-    columns = "precision %:13.1f", "recall %:10.1f", "free %:8.1f", "in solids %:13.2f"
-    table = Table(26, *columns, "frames:8d", "error mm:10.1mm", "bar:6")
+    table = Table(26, *CELL_COLUMNS, "frames:8d", "error mm:10.1mm", "bar:6")
     print(table.head)
     exit_code = 0
     for height_m, down_deg in DRIVES:
@@ -472,8 +462,8 @@ def _grow(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return cv2.dilate(cells.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(np.bool_)
 
 
-VARIANTS = {
-    "scan": (SCAN_OPTIONS, scan),
-    "grid": (GRID_OPTIONS, grid),
-    "poses": (POSES_OPTIONS, poses),
+VARIANTS: Variants = {
+    "scan": scan,
+    "grid": grid,
+    "poses": poses,
 }

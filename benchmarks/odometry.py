@@ -142,13 +142,9 @@ class StageTiming:
         return BUDGET_TABLE.row(stage, self.frames, *times) + "  OVER" * self.is_over
 
 
-BUDGET_OPTIONS = (
-    FOLDERS,
-    METHOD,
-    option("--every", type=int, default=1, metavar="N", help="use every N-th frame"),
-)
-
-
+@FOLDERS
+@METHOD
+@option("--every", type=int, default=1, metavar="N", help="use every N-th frame")
 def measure_budget(args: argparse.Namespace) -> int:
     """CPU time of each stage of a method, compared with its budget.
 
@@ -238,12 +234,8 @@ class FeatureResult:
         return [self.frames, self.failed, self.inliers, *errors, *self.stage_ms.values()]
 
 
-FEATURE_OPTIONS = (
-    FOLDERS,
-    option("--methods", nargs="+", choices=FEATURE_METHODS, default=list(FEATURE_METHODS)),
-)
-
-
+@FOLDERS
+@option("--methods", nargs="+", choices=FEATURE_METHODS, default=list(FEATURE_METHODS))
 def measure_features(args: argparse.Namespace) -> None:
     """SURF compared with SIFT and ORB in the same odometry: errors and cost.
 
@@ -281,13 +273,9 @@ def measure_method(method: str, folder: Path) -> FeatureResult:
     )
 
 
-SURF_OPTIONS = (
-    FOLDERS,
-    option("--frames", type=int, default=50, help="frames of each folder (50)"),
-    option("--count", type=int, default=FEATURE_COUNT, help="features of a frame (1000)"),
-)
-
-
+@FOLDERS
+@option("--frames", type=int, default=50, help="frames of each folder (50)")
+@option("--count", type=int, default=FEATURE_COUNT, help="features of a frame (1000)")
 def measure_surf(args: argparse.Namespace) -> None:
     """CPU time of each stage of SURF: layers, selection, image pyramid, descriptors.
 
@@ -348,28 +336,24 @@ def _measure_in_turn(stages: Mapping[str, Callable[[], object]]) -> dict[str, fl
     return {stage: median([spent_ms[stage] for spent_ms in rounds]) for stage in stages}
 
 
-JUDGE_OPTIONS = (
-    option("kept", metavar="KEPT", type=Path, help="folder of rendered and results"),
-    option(
-        "recordings",
-        metavar="RECORDINGS",
-        type=Path,
-        help="folder of TUM folders with ground truth",
-    ),
-    option("--parts", nargs="+", choices=judge_cases.PARTS, default=judge_cases.PARTS),
-    option("--only", nargs="+", metavar="NAME", help="recordings, sensors and scenes"),
-    option(
-        "--seeds",
-        choices=judge_cases.SEEDS,
-        default="tuning",
-        help="seeds of the virtual sensors: tuning (default), or those for the table in docs/",
-    ),
-    option("--methods", nargs="+", choices=METHODS, default=("direct", "surf", "icp")),
-    option("--reference", type=Path, metavar="FILE", help="results.json to compare"),
-    PROCESSES,
+@option("kept", metavar="KEPT", type=Path, help="folder of rendered and results")
+@option(
+    "recordings",
+    metavar="RECORDINGS",
+    type=Path,
+    help="folder of TUM folders with ground truth",
 )
-
-
+@option("--parts", nargs="+", choices=judge_cases.PARTS, default=judge_cases.PARTS)
+@option("--only", nargs="+", metavar="NAME", help="recordings, sensors and scenes")
+@option(
+    "--seeds",
+    choices=judge_cases.SEEDS,
+    default="tuning",
+    help="seeds of the virtual sensors: tuning (default), or those for the table in docs/",
+)
+@option("--methods", nargs="+", choices=METHODS, default=("direct", "surf", "icp"))
+@option("--reference", type=Path, metavar="FILE", help="results.json to compare")
+@PROCESSES
 def judge(args: argparse.Namespace) -> None:
     """Accuracy of a method over all recordings, perturbations, starts, steps, sensors and scenes.
 
@@ -391,29 +375,21 @@ def judge(args: argparse.Namespace) -> None:
     print(judge_cases.format_judgement(chosen, results, args.methods[0], reference))
 
 
-ABLATION_OPTIONS = (
-    option("kept", metavar="KEPT", type=Path, help="folder of rendered and results"),
-    option(
-        "folder", metavar="RECORDINGS", type=Path, help="folder of TUM folders with ground truth"
-    ),
-    option("--only", nargs="+", choices=ABLATIONS, metavar="VARIANT", help=", ".join(ABLATIONS)),
-    option(
-        "--set",
-        nargs="+",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="a variant of your own; may be given several times; alone, only these run",
-    ),
-    option(
-        "--parts", nargs="+", choices=judge_cases.PARTS, default=("recordings",), help="of `judge`"
-    ),
-    option("--recordings", nargs="+", metavar="NAME", help="recordings and scenes"),
-    option("--frames", type=int, metavar="N", help="only N frames of each run"),
-    PROCESSES,
+@option("kept", metavar="KEPT", type=Path, help="folder of rendered and results")
+@option("folder", metavar="RECORDINGS", type=Path, help="folder of TUM folders with ground truth")
+@option("--only", nargs="+", choices=ABLATIONS, metavar="VARIANT", help=", ".join(ABLATIONS))
+@option(
+    "--set",
+    nargs="+",
+    action="append",
+    default=[],
+    metavar="NAME=VALUE",
+    help="a variant of your own; may be given several times; alone, only these run",
 )
-
-
+@option("--parts", nargs="+", choices=judge_cases.PARTS, default=("recordings",), help="of `judge`")
+@option("--recordings", nargs="+", metavar="NAME", help="recordings and scenes")
+@option("--frames", type=int, metavar="N", help="only N frames of each run")
+@PROCESSES
 def ablate(args: argparse.Namespace) -> None:
     """Accuracy of `direct` with parts switched off and with other parameters.
 
@@ -451,9 +427,9 @@ def ablate(args: argparse.Namespace) -> None:
 
 
 VARIANTS: Variants = {
-    "judge": (JUDGE_OPTIONS, judge),
-    "ablation": (ABLATION_OPTIONS, ablate),
-    "budget": (BUDGET_OPTIONS, measure_budget),
-    "features": (FEATURE_OPTIONS, measure_features),
-    "surf": (SURF_OPTIONS, measure_surf),
+    "judge": judge,
+    "ablation": ablate,
+    "budget": measure_budget,
+    "features": measure_features,
+    "surf": measure_surf,
 }

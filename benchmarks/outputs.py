@@ -155,13 +155,9 @@ def network_link(capacity_mbit_s: int) -> Iterator[list[str]]:
         subprocess.run(["ip", "netns", "del", NAMESPACE], check=False)
 
 
-FRAMES_OPTIONS = (
-    RECORDING,
-    option("--seconds", type=float, default=20.0, help="length of a case"),
-    option("--case", choices=CASES, action="append", help="only this case"),
-)
-
-
+@RECORDING
+@option("--seconds", type=float, default=20.0, help="length of a case")
+@option("--case", choices=CASES, action="append", help="only this case")
 def measure_publishing(args: argparse.Namespace) -> None:
     """Cost of publishing frames, and latency of poses in another process meanwhile.
 
@@ -230,12 +226,8 @@ def measure_case(
     )
 
 
-MCAP_OPTIONS = (
-    RECORDING,
-    option("--seconds", type=float, default=60.0, help="duration (default: 60)"),
-)
-
-
+@RECORDING
+@option("--seconds", type=float, default=60.0, help="duration (default: 60)")
 def measure_mcap(args: argparse.Namespace) -> None:
     """Cost and completeness of a recording into MCAP, with color as JPEG, then raw.
 
@@ -308,12 +300,8 @@ MCAP_ENCODINGS = {
 }
 
 
-ENCODINGS_OPTIONS = (
-    RECORDING,
-    option("--rounds", type=int, default=5, help="of all in turn (default: 5)"),
-)
-
-
+@RECORDING
+@option("--rounds", type=int, default=5, help="of all in turn (default: 5)")
 def measure_encodings(args: argparse.Namespace) -> None:
     """CPU time and size of a frame in an MCAP file, by how its images are stored.
 
@@ -336,12 +324,8 @@ def measure_encodings(args: argparse.Namespace) -> None:
         print(ENCODINGS_TABLE.row(name, cost.cpu_ms, cost.kilobytes, megabytes_per_s))
 
 
-RECORDER_OPTIONS = (
-    option("recording", metavar="RECORDING", type=Path, nargs="?", help="source of the frames"),
-    option("--seconds", type=float, default=15.0, help="duration of each phase"),
-)
-
-
+@option("recording", metavar="RECORDING", type=Path, nargs="?", help="source of the frames")
+@option("--seconds", type=float, default=15.0, help="duration of each phase")
 def measure_recorder(args: argparse.Namespace) -> None:
     """Cost of the flight recorder: CPU time per frame in both processes, memory, and an incident.
 
@@ -422,8 +406,8 @@ def _save_incident(recorder: FlightRecorder) -> str:
 
 
 VARIANTS: Variants = {
-    "frames": (FRAMES_OPTIONS, measure_publishing),
-    "mcap": (MCAP_OPTIONS, measure_mcap),
-    "encodings": (ENCODINGS_OPTIONS, measure_encodings),
-    "recorder": (RECORDER_OPTIONS, measure_recorder),
+    "frames": measure_publishing,
+    "mcap": measure_mcap,
+    "encodings": measure_encodings,
+    "recorder": measure_recorder,
 }

@@ -193,12 +193,8 @@ class CpuTimer:
         return result
 
 
-MEASURE_OPTIONS = (
-    option("--rooms", nargs="*", type=int, default=list(range(201, 207))),
-    option("--recordings", nargs="*", type=Path, default=[]),
-)
-
-
+@option("--rooms", nargs="*", type=int, default=list(range(201, 207)))
+@option("--recordings", nargs="*", type=Path, default=[])
 def measure(args: argparse.Namespace) -> None:
     """Recall, accuracy, cost and false matches of place recognition.
 
@@ -348,13 +344,9 @@ def _is_near(a: DescribedView, b: DescribedView) -> bool:
     return RecognitionTrial(distance_m, angle_deg, False).is_within(*VIEW_OFFSETS[2])
 
 
-TRAIN_OPTIONS = (
-    option("folders", nargs="+", type=Path, help="training recordings"),
-    option("--count", type=int, default=CLUSTERS, help="number of visual words"),
-    option("--output", type=Path, default=OUTPUT),
-)
-
-
+@option("folders", nargs="+", type=Path, help="training recordings")
+@option("--count", type=int, default=CLUSTERS, help="number of visual words")
+@option("--output", type=Path, default=OUTPUT)
 def train(args: argparse.Namespace) -> None:
     """Train the VLAD vocabulary of place recognition on recordings in TUM format.
 
@@ -388,6 +380,6 @@ def fit_centers(descriptors: NDArray[np.float32], count: int) -> NDArray[np.int8
 
 
 VARIANTS: Variants = {
-    "measure": (MEASURE_OPTIONS, measure),
-    "train": (TRAIN_OPTIONS, train),
+    "measure": measure,
+    "train": train,
 }

@@ -61,12 +61,8 @@ BOARD_CASES = {
 MIN_POSES_PER_S = 29.5
 
 
-RECORDINGS_OPTIONS = (
-    FOLDERS,
-    option("--starts", type=int, default=3, metavar="N", help="runs of each (default: 3)"),
-)
-
-
+@FOLDERS
+@option("--starts", type=int, default=3, metavar="N", help="runs of each (default: 3)")
 def measure_recordings(args: argparse.Namespace) -> None:
     """Accuracy and CPU time of the method `direct` on recordings, by profile.
 
@@ -122,14 +118,10 @@ class BoardRun:
     steal_percent: float
 
 
-BOARD_OPTIONS = (
-    option("--percent", type=float, default=40.0, help="limit of one processor (default: 40)"),
-    option("--memory-mb", type=int, default=1000, metavar="MB", help="limit (default: 1000)"),
-    option("--seconds", type=float, default=60.0, help="duration of a run (default: 60)"),
-    option("--rounds", type=int, default=3, help="runs of each case (default: 3)"),
-)
-
-
+@option("--percent", type=float, default=40.0, help="limit of one processor (default: 40)")
+@option("--memory-mb", type=int, default=1000, metavar="MB", help="limit (default: 1000)")
+@option("--seconds", type=float, default=60.0, help="duration of a run (default: 60)")
+@option("--rounds", type=int, default=3, help="runs of each case (default: 3)")
 def measure_board(args: argparse.Namespace) -> int:
     """The service under the limits of a small board, by profile: rate, dropped frames, load.
 
@@ -206,6 +198,6 @@ def _measure_board(service: ServiceProcess, group: ControlGroup, seconds: float)
 
 
 VARIANTS: Variants = {
-    "recordings": (RECORDINGS_OPTIONS, measure_recordings),
-    "board": (BOARD_OPTIONS, measure_board),
+    "recordings": measure_recordings,
+    "board": measure_board,
 }

@@ -29,15 +29,13 @@ MIN_PAIRS = 6
 
 PosedFrame = tuple[RgbdFrame, Array]
 PointPairs = tuple[Array, Array]
-OPTIONS_OF_REALISM = (
-    option("track", type=Path, help="trajectory of a real hand, in TUM format"),
-    option("--start-s", type=float, default=0.1, help="start in the track, seconds (%(default)s)"),
-    option("--frames", type=int, default=360, help="number of frames (%(default)s)"),
-    option("--seed", type=int, default=1, help="seed of the room (%(default)s)"),
-    option("--folder", type=Path, help="a recording to compare with"),
-)
 
 
+@option("track", type=Path, help="trajectory of a real hand, in TUM format")
+@option("--start-s", type=float, default=0.1, help="start in the track, seconds (%(default)s)")
+@option("--frames", type=int, default=360, help="number of frames (%(default)s)")
+@option("--seed", type=int, default=1, help="seed of the room (%(default)s)")
+@option("--folder", type=Path, help="a recording to compare with")
 def measure_realism(args: argparse.Namespace) -> None:
     """Realism of the virtual Kinect: errors of simple pipelines along a real hand's track.
 

@@ -144,13 +144,9 @@ def _distance_m(local_m: Array, solid: Solid) -> Array:
     return distance_m
 
 
-POSES_OPTIONS = (
-    option("--seconds", type=float, default=20.0),
-    option("--seed", type=int, default=1),
-    option("--voxels", type=float, nargs="+", default=[0.01, 0.02], metavar="M"),
-)
-
-
+@option("--seconds", type=float, default=20.0)
+@option("--seed", type=int, default=1)
+@option("--voxels", type=float, nargs="+", default=[0.01, 0.02], metavar="M")
 def measure_poses(args: argparse.Namespace) -> None:
     """Maps of a virtual room with true poses, and with those of the odometry.
 
@@ -190,13 +186,9 @@ def _integrate(volume: TsdfVolume, frames: Sequence[RgbdFrame], poses: Trajector
     return add_ms
 
 
-MAPS_OPTIONS = (
-    option("config", metavar="CONFIG", type=Path),
-    option("recording", metavar="RECORDING", type=Path),
-    option("maps", metavar="MAP", type=Path, nargs="+"),
-)
-
-
+@option("config", metavar="CONFIG", type=Path)
+@option("recording", metavar="RECORDING", type=Path)
+@option("maps", metavar="MAP", type=Path, nargs="+")
 def measure_maps(args: argparse.Namespace) -> None:
     """Distance of maps of a virtual room from its true surfaces.
 
@@ -362,13 +354,9 @@ CANDIDATES: Mapping[str, Callable[[], FusionVolume]] = {
 }
 
 
-VOLUMES_OPTIONS = (
-    option("--seconds", type=float, default=10.0),
-    option("--seed", type=int, default=1),
-    option("--only", nargs="+", choices=CANDIDATES, default=list(CANDIDATES)),
-)
-
-
+@option("--seconds", type=float, default=10.0)
+@option("--seed", type=int, default=1)
+@option("--only", nargs="+", choices=CANDIDATES, default=list(CANDIDATES))
 def measure_volumes(args: argparse.Namespace) -> None:
     """Our TSDF fusion compared with OpenCV's volumes, on the virtual room with true poses.
 
@@ -423,7 +411,7 @@ def _private_memory_mb() -> float:
 
 
 VARIANTS: Variants = {
-    "poses": (POSES_OPTIONS, measure_poses),
-    "maps": (MAPS_OPTIONS, measure_maps),
-    "volumes": (VOLUMES_OPTIONS, measure_volumes),
+    "poses": measure_poses,
+    "maps": measure_maps,
+    "volumes": measure_volumes,
 }

@@ -326,17 +326,11 @@ def summarize(outcomes: Sequence[RelocalizationOutcome]) -> RelocalizationSummar
     )
 
 
-OPTIONS = (
-    option("folder", type=Path, help="folder of rendered frames and results"),
-    option("--tries", type=int, default=100, help="trials of all seeds together"),
-    option("--seeds", nargs="+", type=int, default=[1, 2, 3, 4, 5]),
-    option(
-        "--unseen", action="store_true", help="uncover the camera at places that it did not see"
-    ),
-    METHOD,
-)
-
-
+@option("folder", type=Path, help="folder of rendered frames and results")
+@option("--tries", type=int, default=100, help="trials of all seeds together")
+@option("--seeds", nargs="+", type=int, default=[1, 2, 3, 4, 5])
+@option("--unseen", action="store_true", help="uncover the camera at places that it did not see")
+@METHOD
 def main(args: argparse.Namespace) -> None:
     """Run the seeds without stored results; print all of them, then all together."""
     cache, together = ResultCache(args.folder), list[RelocalizationOutcome]()

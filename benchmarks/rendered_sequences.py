@@ -21,7 +21,7 @@ from typing import TypeVar
 import cv2
 
 from benchmarks.harness import PROCESSES, Variants, option
-from benchmarks.realism import OPTIONS_OF_REALISM, measure_realism
+from benchmarks.realism import measure_realism
 from benchmarks.tracking import read_all_frames
 from drivers.camera import RgbdFrame
 from drivers.core import InputError
@@ -187,22 +187,18 @@ TIMINGS = {
 START_S, DURATION_S = 12.0, 10.0
 
 
-RENDER_OPTIONS = (
-    option("tracks", type=Path, help="folder of trajectories"),
-    option("output", type=Path, help="folder of the sequences"),
-    option("--seeds", nargs="+", type=int, default=SEEDS, help="seeds of the rooms"),
-    option("--timing", nargs="+", choices=TIMINGS, default=list(TIMINGS)),
-    option("--start", type=float, default=START_S, help="start in the track, seconds"),
-    option(
-        "--seconds",
-        type=float,
-        default=DURATION_S,
-        help="duration of each, if the track is long enough",
-    ),
-    PROCESSES,
+@option("tracks", type=Path, help="folder of trajectories")
+@option("output", type=Path, help="folder of the sequences")
+@option("--seeds", nargs="+", type=int, default=SEEDS, help="seeds of the rooms")
+@option("--timing", nargs="+", choices=TIMINGS, default=list(TIMINGS))
+@option("--start", type=float, default=START_S, help="start in the track, seconds")
+@option(
+    "--seconds",
+    type=float,
+    default=DURATION_S,
+    help="duration of each, if the track is long enough",
 )
-
-
+@PROCESSES
 def render_tracks(args: argparse.Namespace) -> None:
     """Render virtual rooms along recorded hand motions, as TUM folders with exact ground truth.
 
@@ -262,6 +258,6 @@ def _remaining_s(track: Path, start_s: float) -> float:
 
 
 VARIANTS: Variants = {
-    "render": (RENDER_OPTIONS, render_tracks),
-    "realism": (OPTIONS_OF_REALISM, measure_realism),
+    "render": render_tracks,
+    "realism": measure_realism,
 }

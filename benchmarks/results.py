@@ -59,15 +59,11 @@ class CommandResult:
         return self.exit_code > 1 or not self.output
 
 
-OPTIONS = (
-    option("folder", metavar="KEPT", nargs="?", type=Path, help="folder of results"),
-    option("--data", type=Path, help="folder of the recordings"),
-    option("--only", nargs="+", default=[], help="only commands with one of the words"),
-    option("--list", action="store_true", help="print the commands and run nothing"),
-    option("--pages", action="store_true", help="write the pages and run nothing"),
-)
-
-
+@option("folder", metavar="KEPT", nargs="?", type=Path, help="folder of results")
+@option("--data", type=Path, help="folder of the recordings")
+@option("--only", nargs="+", default=[], help="only commands with one of the words")
+@option("--list", action="store_true", help="print the commands and run nothing")
+@option("--pages", action="store_true", help="write the pages and run nothing")
 def main(args: argparse.Namespace) -> int:
     """Run the commands, write data and pages; return 1 if a command fails."""
     files = sorted(PAGES.glob("*.json"))

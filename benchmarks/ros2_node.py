@@ -36,11 +36,6 @@ from vo_service.types.odometry_update import OdometryUpdate
 
 ROOT = Path(__file__).parents[1]
 DEFAULT_PYTHON = ROOT / ".ros2" / "kilted" / "bin" / "python"
-OPTIONS = (
-    RECORDING,
-    option("--seconds", type=float, default=60.0, help="length of a case"),
-    option("--python", type=Path, default=DEFAULT_PYTHON, help="a Python that has rclpy"),
-)
 TABLE = Table(
     *(54, "p50 ms:8.2f", "p99 ms:8.2f", "max ms:8.2f", "lost:14", "node %:8.1f", "node MB:9.0f")
 )
@@ -94,6 +89,9 @@ print(json.dumps(received))
 """
 
 
+@RECORDING
+@option("--seconds", type=float, default=60.0, help="length of a case")
+@option("--python", type=Path, default=DEFAULT_PYTHON, help="a Python that has rclpy")
 def main(args: argparse.Namespace) -> None:
     """Measure all cases in turn."""
     if not args.python.exists():

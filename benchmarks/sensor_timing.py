@@ -29,7 +29,7 @@ from benchmarks.harness import (
     median,
     option,
 )
-from benchmarks.rendered_sequences import render_all
+from benchmarks.rendered_sequences import VirtualRecording, render_all
 from benchmarks.tracking import Accuracy, TrackedSequence, open_frames, track_changed
 from drivers.calibration import UNKNOWN_TIMING
 from drivers.camera import RgbdFrame
@@ -68,18 +68,16 @@ CALIBRATED_TABLE = Table(
 
 
 @dataclass(frozen=True)
-class RandomSensor:
+class RandomSensor(VirtualRecording):
     """A virtual Kinect and the error of its depth's registration.
 
     Attributes:
-        config: Room, motion, timing and exposure.
         shift_px: Columns and rows by which depth is registered too far right and down.
     """
 
-    config: SyntheticConfig
     shift_px: tuple[int, int]
 
-    def shift_depth(self, frame: RgbdFrame) -> RgbdFrame:
+    def measure(self, frame: RgbdFrame) -> RgbdFrame:
         """Register the depth of a frame with the error; there are no readings beyond the border."""
         T = np.array([[1.0, 0.0, self.shift_px[0]], [0.0, 1.0, self.shift_px[1]]])
         height, width = frame.depth_raw.shape
@@ -210,14 +208,10 @@ def _settling_time_s(times_s: Array, errors_s: Array) -> float | None:
     return float(times_s[wrong[-1] + 1]) if wrong[-1] + 1 < len(times_s) else None
 
 
-LEARNED_OPTIONS = (
-    option("folder", type=Path, help="folder of the sequences and the results"),
-    option("--seeds", nargs="+", type=int, default=SEEDS),
-    option("--seconds", type=float, default=DURATION_S, help="length of a sequence"),
-    PROCESSES,
-)
-
-
+@option("folder", type=Path, help="folder of the sequences and the results")
+@option("--seeds", nargs="+", type=int, default=SEEDS)
+@option("--seconds", type=float, default=DURATION_S, help="length of a sequence")
+@PROCESSES
 def measure_learned(args: argparse.Namespace) -> None:
     """Errors of the direct odometry when nobody tells it the sensor's timing.
 
@@ -237,24 +231,21 @@ def measure_learned(args: argparse.Namespace) -> None:
         f"{seed}-{args.seconds:g}s": make_random_sensor(seed, args.seconds) for seed in args.seeds
     }
     warm_up(METHOD, lambda stage: None)
-    missing = {name: each.config for name, each in sensors.items() if name not in cache}
+    missing = {name: each for name, each in sensors.items() if name not in cache}
     render_all(args.folder, missing, args.processes)
     print(LEARNED_TABLE.head, flush=True)
     results = []
     for name, sensor in sensors.items():
-        run = partial(measure_sensor, args.folder / name, sensor)
+        run = partial(measure_sensor, args.folder / name, sensor.config.timing)
         results.append(cache.get_or_run(name, run))
         print(format_row(name, results[-1]), flush=True)
     print(f"\n{format_summary(results)}")
 
 
-def measure_sensor(folder: Path, sensor: RandomSensor) -> Json:
+def measure_sensor(folder: Path, timing: ShutterTiming) -> Json:
     """Track the frames of a sensor, with known and with unknown timing."""
-    timing = sensor.config.timing
-    _, known = track_changed(METHOD, folder, lambda frame: tell_exactly(sensor.shift_depth(frame)))
-    tracked, unknown = track_changed(
-        METHOD, folder, lambda frame: tell_nothing(sensor.shift_depth(frame))
-    )
+    _, known = track_changed(METHOD, folder, tell_exactly)
+    tracked, unknown = track_changed(METHOD, folder, tell_nothing)
     return asdict(evaluate_timing(known, unknown, tracked, (timing.readout_s, timing.skew_s)))
 
 
@@ -301,13 +292,9 @@ def ate_ratio(result: Json) -> float:
     return float("nan") if not known_m else float(unknown_m / known_m)
 
 
-STARTS_OPTIONS = (
-    option("folder", type=Path, help="folder of the results"),
-    option("recordings", nargs="+", type=Path, metavar="RECORDING"),
-    option("--at", nargs="+", type=int, default=START_FRAMES, metavar="FRAME"),
-)
-
-
+@option("folder", type=Path, help="folder of the results")
+@option("recordings", nargs="+", type=Path, metavar="RECORDING")
+@option("--at", nargs="+", type=int, default=START_FRAMES, metavar="FRAME")
 def measure_starts(args: argparse.Namespace) -> None:
     """Errors of recordings that begin at later frames.
 
@@ -411,14 +398,10 @@ CASES = {
 }
 
 
-CALIBRATED_OPTIONS = (
-    option("tracks", type=Path, help="folder of trajectories"),
-    option("output", type=Path, help="folder of the sequences"),
-    option("--only", nargs="+", choices=CASES, default=list(CASES)),
-    PROCESSES,
-)
-
-
+@option("tracks", type=Path, help="folder of trajectories")
+@option("output", type=Path, help="folder of the sequences")
+@option("--only", nargs="+", choices=CASES, default=list(CASES))
+@PROCESSES
 def measure_calibrated(args: argparse.Namespace) -> None:
     """Accuracy of `calibrate --timing` on virtual rooms along recorded hand motions.
 
@@ -446,7 +429,7 @@ def _calibrated_row(name: str, case: TimingCase, folder: Path) -> str:
 
 
 VARIANTS: Variants = {
-    "learned": (LEARNED_OPTIONS, measure_learned),
-    "starts": (STARTS_OPTIONS, measure_starts),
-    "calibrated": (CALIBRATED_OPTIONS, measure_calibrated),
+    "learned": measure_learned,
+    "starts": measure_starts,
+    "calibrated": measure_calibrated,
 }

@@ -115,11 +115,7 @@ def report_fault(
     return is_good
 
 
-ENVIRONMENT_OPTIONS = (
-    option("--rounds", type=int, default=3, help="rounds of each fault (default: 3)"),
-)
-
-
+@option("--rounds", type=int, default=3, help="rounds of each fault (default: 3)")
 def measure_environment_faults(args: argparse.Namespace) -> None:
     """Time until the service reports a fault of its environment, and until it recovers.
 
@@ -196,13 +192,9 @@ class SlowMachineResult:
     shed: str
 
 
-SLOW_OPTIONS = (
-    option("--percent", type=float, action="append", help="limit, percent of one processor"),
-    option("--seconds", type=float, default=30.0, help="duration of a run (default: 30)"),
-    option("--rounds", type=int, default=2, help="runs of each case (default: 2)"),
-)
-
-
+@option("--percent", type=float, action="append", help="limit, percent of one processor")
+@option("--seconds", type=float, default=30.0, help="duration of a run (default: 30)")
+@option("--rounds", type=int, default=2, help="runs of each case (default: 2)")
 def measure_slow_machine(args: argparse.Namespace) -> int:
     """Dropped frames on a machine that is too slow, with and without `load.adapt`.
 
@@ -268,7 +260,7 @@ def run_limited(percent: float, adapts: bool, seconds: float) -> SlowMachineResu
 
 
 VARIANTS: Variants = {
-    "camera": ((), measure_camera_faults),
-    "environment": (ENVIRONMENT_OPTIONS, measure_environment_faults),
-    "slow": (SLOW_OPTIONS, measure_slow_machine),
+    "camera": measure_camera_faults,
+    "environment": measure_environment_faults,
+    "slow": measure_slow_machine,
 }

@@ -195,13 +195,9 @@ class LatencyResult:
     steal_percent: float
 
 
-POSES_OPTIONS = (
-    option("--seconds", type=float, default=20.0, help="duration of a run (default: 20)"),
-    option("--rounds", type=int, default=3, help="runs of each case (default: 3)"),
-    option("--case", action="append", choices=CASES),
-)
-
-
+@option("--seconds", type=float, default=20.0, help="duration of a run (default: 20)")
+@option("--rounds", type=int, default=3, help="runs of each case (default: 3)")
+@option("--case", action="append", choices=CASES)
 def measure_latency(args: argparse.Namespace) -> int:
     """Latency from a frame's arrival until another process has its pose, under disturbances.
 
@@ -325,8 +321,8 @@ def report(outcomes: Mapping[str, LatencyResult]) -> int:
 
 # Cost of scan and grid: latency (99 %) by a factor, and processor time in percent of a core.
 NAVIGATION_TABLE = Table(
-    *(22, "p50:7.1f", "p99:7.1f", "max:8.1f", "dropped:9d", "lost:6d", "service %:11.1f"),
-    *("workers %:11.1f", "steal %:9.1f"),
+    *(22, "p50:7.1f", "p99:7.1f", "max:8.1f", "dropped:9d", "lost:6d", "service ms:12.2f"),
+    *("workers ms:12.2f", "steal %:9.1f"),
 )
 MAX_NAVIGATION_RATIO, MAX_NAVIGATION_PERCENT = 1.1, 3.0
 RATE_HZ = 30.0
@@ -363,12 +359,10 @@ NAVIGATION_CASES: Mapping[str, InterferenceCase] = {
     "without scan and grid": without_navigation,
     "scan and grid": with_navigation,
 }
-NAVIGATION_OPTIONS = (
-    option("--seconds", type=float, default=60.0, help="duration of a run (default: 60)"),
-    option("--rounds", type=int, default=5, help="runs of each case (default: 5)"),
-)
 
 
+@option("--seconds", type=float, default=60.0, help="duration of a run (default: 60)")
+@option("--rounds", type=int, default=5, help="runs of each case (default: 5)")
 def measure_navigation(args: argparse.Namespace) -> int:
     """Cost of scan and occupancy grid for the poses: latency, and processor time of the service.
 
@@ -381,9 +375,7 @@ def measure_navigation(args: argparse.Namespace) -> int:
     results = run_cases(NAVIGATION_CASES, args.seconds, args.rounds)
     print(NAVIGATION_TABLE.head)
     for name, each in results.items():
-        percents = (0.1 * RATE_HZ * ms for ms in (each.service_ms, each.workers_ms))
-        latencies = (each.p50_ms, each.p99_ms, each.max_ms, each.dropped, each.lost)
-        print(NAVIGATION_TABLE.row(name, *latencies, *percents, each.steal_percent))
+        print(NAVIGATION_TABLE.row(name, *vars(each).values()))
     off, on = results.values()
     ratio = on.p99_ms / off.p99_ms
     on_ms, off_ms = on.service_ms + on.workers_ms, off.service_ms + off.workers_ms
@@ -394,6 +386,6 @@ def measure_navigation(args: argparse.Namespace) -> int:
 
 
 VARIANTS: Variants = {
-    "poses": (POSES_OPTIONS, measure_latency),
-    "navigation": (NAVIGATION_OPTIONS, measure_navigation),
+    "poses": measure_latency,
+    "navigation": measure_navigation,
 }

@@ -24,11 +24,6 @@ from vo_service import PoseClient
 START_TIMEOUT_S = 300.0
 POLL_PERIOD_S = 0.05
 JPEG = b"\xff\xd8\xff"
-OPTIONS = (
-    option("recording", type=Path, help="folder in TUM format"),
-    option("--rounds", type=int, default=5, help="starts of each case (default: 5)"),
-    option("--case", help="only this case"),
-)
 
 
 @dataclass(frozen=True)
@@ -41,6 +36,9 @@ class Start:
     recording: Path
 
 
+@option("recording", type=Path, help="folder in TUM format")
+@option("--rounds", type=int, default=5, help="starts of each case (default: 5)")
+@option("--case", help="only this case")
 def main(args: argparse.Namespace) -> None:
     """Time to the first pose of a recording, of a Kinect and of the virtual one, and of the demo.
 

@@ -237,20 +237,16 @@ def save_plot(record: SoakRecord, file: Path) -> None:
     save_panels(file, "thousand frames", panels, (before[1:] / 1000).tolist())
 
 
-SERVICE_OPTIONS = (
-    option("state", type=Path, help="file of samples; an existing one is continued"),
-    option("--frames", type=int, default=200_000, help="total frames (default: 200000)"),
-    option("--rate", type=float, default=60.0, help="frames per second (default: 60)"),
-    option(
-        "--warm-up",
-        type=int,
-        default=WARM_UP_FRAMES,
-        help="skipped frames of each run (default: 25000)",
-    ),
-    option("--plot", type=Path, help="plot to write"),
+@option("state", type=Path, help="file of samples; an existing one is continued")
+@option("--frames", type=int, default=200_000, help="total frames (default: 200000)")
+@option("--rate", type=float, default=60.0, help="frames per second (default: 60)")
+@option(
+    "--warm-up",
+    type=int,
+    default=WARM_UP_FRAMES,
+    help="skipped frames of each run (default: 25000)",
 )
-
-
+@option("--plot", type=Path, help="plot to write")
 def soak_service(args: argparse.Namespace) -> int:
     """Growth of the service's resources in hundreds of thousands of frames.
 
@@ -355,13 +351,9 @@ def report_growth(record: SoakRecord, warm_up: int) -> int:
     return 0 if all(each.is_within_limit for each in checks) else 1
 
 
-KINECT_OPTIONS = (
-    option("--minutes", type=float, default=10.0, help="duration (default: 10)"),
-    option("--patient", action="store_true", help="lose no packets on the bus"),
-    option("--recording", type=Path, metavar="FOLDER", help="what the Kinect sees"),
-)
-
-
+@option("--minutes", type=float, default=10.0, help="duration (default: 10)")
+@option("--patient", action="store_true", help="lose no packets on the bus")
+@option("--recording", type=Path, metavar="FOLDER", help="what the Kinect sees")
 def soak_kinect(args: argparse.Namespace) -> int:
     """Lost frames, CPU time and memory of the whole service on a simulated Kinect.
 
@@ -484,6 +476,6 @@ def report_costs(
 
 
 VARIANTS: Variants = {
-    "service": (SERVICE_OPTIONS, soak_service),
-    "kinect": (KINECT_OPTIONS, soak_kinect),
+    "service": soak_service,
+    "kinect": soak_kinect,
 }

@@ -386,16 +386,12 @@ def _windows(record: TourRecord) -> list[NDArray[np.intp]]:
     return [np.flatnonzero(window == each) for each in np.unique(window)]
 
 
-OPTIONS = (
-    option("folder", type=Path, help="folder of the results"),
-    option("--seconds", type=float, default=600.0, help="length of a tour"),
-    option("--seeds", nargs="+", type=int, default=[1]),
-    option("--twins", action="store_true", help="two corners look the same"),
-    METHOD,
-    option("--plot", type=Path, metavar="FILE", help="error, CPU and memory over time"),
-)
-
-
+@option("folder", type=Path, help="folder of the results")
+@option("--seconds", type=float, default=600.0, help="length of a tour")
+@option("--seeds", nargs="+", type=int, default=[1])
+@option("--twins", action="store_true", help="two corners look the same")
+@METHOD
+@option("--plot", type=Path, metavar="FILE", help="error, CPU and memory over time")
 def main(args: argparse.Namespace) -> None:
     """Run the tours without stored results, and print all."""
     cache, names = ResultCache(args.folder), list[str]()

@@ -37,14 +37,13 @@ def test_a_file_of_another_kind_is_not_overwritten(tmp_path: Path) -> None:
 
 
 def test_the_named_variant_runs_with_its_options() -> None:
+    @option("--count")
     def main(args: Namespace) -> int:
         """Measure."""
         return int(args.count)
 
     module = ModuleType("example", "An example.")
-    module.__dict__["VARIANTS"] = {
-        "one": ([option("--count")], main),
-    }
+    module.__dict__["VARIANTS"] = {"one": main}
     assert run_benchmark("example", module, ["one", "--count", "3"]) == 3
     with pytest.raises(SystemExit):
         run_benchmark("example", module, ["two"])

@@ -70,7 +70,7 @@ def test_a_negative_seed_is_a_clear_error() -> None:
 def test_depth_is_shifted_without_readings_beyond_the_border() -> None:
     frame = make_frame(0)
     frame.depth_raw[:] = np.arange(48).reshape(6, 8) + 1
-    shifted = replace(make_random_sensor(1, 1.0), shift_px=(2, -1)).shift_depth(frame).depth_raw
+    shifted = replace(make_random_sensor(1, 1.0), shift_px=(2, -1)).measure(frame).depth_raw
     np.testing.assert_array_equal(shifted[:5, 2:], frame.depth_raw[1:, :6])
     assert not shifted[5].any()
     assert not shifted[:, :2].any()

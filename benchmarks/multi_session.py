@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.harness import Json, ResultCache, Table, option
+from benchmarks.harness import Json, ResultCache, Table, known_median, option
 from benchmarks.relocalization import TourSequence
 from benchmarks.tours import LoopClosureRunner
 from benchmarks.tracking import METHOD
@@ -176,15 +176,13 @@ def format_row(name: str, outcomes: Sequence[SessionStartResult]) -> str:
     """One row of the table."""
     known = [each for each in outcomes if each.frames is not None]
     counts = (len(outcomes), len(known), sum(each.is_wrong for each in known))
-    if not known:
-        return TABLE.row(name, *counts, *[None] * 6)
     return TABLE.row(
         name,
         *counts,
-        np.median([each.frames for each in known if each.frames is not None]),
-        np.median([each.error_m for each in known]),
-        max(each.error_m for each in known),
-        max(each.error_deg for each in known),
-        max(each.settled_error_m for each in known),
-        max(each.settled_error_deg for each in known),
+        known_median([each.frames for each in known]),
+        known_median([each.error_m for each in known]),
+        *(
+            max((getattr(each, figure) for each in known), default=None)
+            for figure in ("error_m", "error_deg", "settled_error_m", "settled_error_deg")
+        ),
     )

@@ -5,6 +5,7 @@ python -m benchmarks place_recognition train FOLDER...
 """
 
 import argparse
+import math
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -21,7 +22,7 @@ from benchmarks.harness import Table, Variants, measure_cpu_ms, option
 from benchmarks.rendered_sequences import make_frame
 from benchmarks.tracking import open_frames, open_frames_with_truth
 from drivers.camera import RgbdFrame
-from drivers.core.geometry import Array, inverse, rigid_transform, rotation_angle_rad
+from drivers.core.geometry import Array, inverse, pose_distance, rigid_transform
 from drivers.synthetic.camera_motion import CameraMotion, look_rotations, rotations_from_vectors
 from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.renderer import Renderer, RoomModel
@@ -145,10 +146,17 @@ def views_of_recording(folder: Path) -> Iterator[PosedView]:
 class DescribedView:
     """A view as a query, with and without a verified velocity, and as a keyframe."""
 
-    posed_view: PosedView
+    scene: str
+    T_world_camera: Array
     query: QueryFrame
     query_without_velocity: QueryFrame
     keyframe: MapKeyframe
+
+    def distance_to(self, other: "DescribedView") -> tuple[float, float]:
+        """Distance (m) and angle (degrees) of the poses; infinite in another scene."""
+        if self.scene != other.scene:
+            return np.inf, np.inf
+        return _pose_distance(self.T_world_camera, other.T_world_camera)
 
 
 @dataclass(frozen=True)
@@ -210,12 +218,18 @@ def measure(args: argparse.Namespace) -> None:
         views += [
             _describe_view(recognizer, view, timer, len(views) + n) for n, view in enumerate(scene)
         ]
-        print(f"described {views[-1].posed_view.scene}", file=sys.stderr, flush=True)
-    _print_trials("velocity followed", _run_trials(recognizer, views, lambda s: s.query, timer))
-    _print_trials(
-        "velocity unknown",
-        _run_trials(recognizer, views, lambda s: s.query_without_velocity, timer),
-    )
+        print(f"described {views[-1].scene}", file=sys.stderr, flush=True)
+    for title, queries in (
+        ("velocity followed", [each.query for each in views]),
+        ("velocity unknown", [each.query_without_velocity for each in views]),
+    ):
+        trials = [
+            _run_trial(recognizer, view, query, other, timer)
+            for view, query in zip(views, queries, strict=True)
+            for other in views
+            if view is not other
+        ]
+        _print_trials(title, trials)
     _print_ranking(views, timer)
     for task, times_ms in timer.times_ms.items():
         print(
@@ -235,54 +249,39 @@ def _describe_view(
     lost = recognizer.create_query(frame, np.zeros(6), LOST_VELOCITY_SIGMA)
     T = posed_view.T_world_camera
     keyframe = timer.measure("keyframe", lambda: recognizer.create_keyframe(query, number, 0, T))
-    return DescribedView(posed_view, query, lost, keyframe)
-
-
-def _run_trials(
-    recognizer: PlaceRecognizer,
-    views: Sequence[DescribedView],
-    query_of: Callable[[DescribedView], QueryFrame],
-    timer: CpuTimer,
-) -> list[RecognitionTrial]:
-    """Match every view with every other keyframe."""
-    return [
-        _run_trial(recognizer, a.posed_view, query_of(a), b, timer)
-        for a in views
-        for b in views
-        if a is not b
-    ]
+    return DescribedView(posed_view.scene, T, query, lost, keyframe)
 
 
 def _run_trial(
     recognizer: PlaceRecognizer,
-    posed_view: PosedView,
+    view: DescribedView,
     query: QueryFrame,
     other: DescribedView,
     timer: CpuTimer,
 ) -> RecognitionTrial:
-    T, distance_m, angle_deg = np.eye(4), np.inf, np.inf
-    if posed_view.scene == other.posed_view.scene:
-        T = inverse(other.posed_view.T_world_camera) @ posed_view.T_world_camera
-        distance_m, angle_deg = _size(T)
+    """Match a query of a view with the keyframe of another one."""
+    distance = view.distance_to(other)
     candidates = timer.measure(
         "candidates", lambda: list(recognizer.find_candidates(query, [other.keyframe]))
     )
     if not candidates:
-        return RecognitionTrial(distance_m, angle_deg, is_candidate=False)
+        return RecognitionTrial(*distance, is_candidate=False)
     match = timer.measure("verification", lambda: recognizer.verify(query, candidates[0]))
     if match is None:
-        return RecognitionTrial(distance_m, angle_deg, is_candidate=True)
-    if np.isinf(distance_m):
-        return RecognitionTrial(distance_m, angle_deg, True, np.inf, np.inf, np.inf)
-    error = inverse(T) @ match.T_keyframe_camera
-    twist = se3_log(error)
+        return RecognitionTrial(*distance, is_candidate=True)
+    if view.scene != other.scene:
+        return RecognitionTrial(*distance, True, np.inf, np.inf, np.inf)
+    T_keyframe_camera = inverse(other.T_world_camera) @ view.T_world_camera
+    twist = se3_log(inverse(T_keyframe_camera) @ match.T_keyframe_camera)
     normalized_error = float(np.sqrt(twist @ np.linalg.solve(match.covariance, twist) / 6.0))
-    return RecognitionTrial(distance_m, angle_deg, True, *_size(error), normalized_error)
+    errors = _pose_distance(T_keyframe_camera, match.T_keyframe_camera)
+    return RecognitionTrial(*distance, True, *errors, normalized_error)
 
 
-def _size(T: Array) -> tuple[float, float]:
-    """Distance in meters and angle in degrees of a motion."""
-    return float(np.linalg.norm(T[:3, 3])), float(np.degrees(rotation_angle_rad(T[:3, :3])))
+def _pose_distance(T: Array, other: Array) -> tuple[float, float]:
+    """Distance in meters and angle in degrees of two poses."""
+    distance_m, angle_rad = pose_distance(T, other)
+    return distance_m, math.degrees(angle_rad)
 
 
 def _print_trials(title: str, trials: Sequence[RecognitionTrial]) -> None:
@@ -336,12 +335,8 @@ def _rank_of_nearest(
 
 
 def _is_near(a: DescribedView, b: DescribedView) -> bool:
-    if a is b or a.posed_view.scene != b.posed_view.scene:
-        return False
-    distance_m, angle_deg = _size(
-        inverse(a.posed_view.T_world_camera) @ b.posed_view.T_world_camera
-    )
-    return RecognitionTrial(distance_m, angle_deg, False).is_within(*VIEW_OFFSETS[2])
+    trial = RecognitionTrial(*a.distance_to(b), is_candidate=False)
+    return a is not b and trial.is_within(*VIEW_OFFSETS[2])
 
 
 @option("folders", nargs="+", type=Path, help="training recordings")

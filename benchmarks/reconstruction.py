@@ -10,6 +10,7 @@ milliseconds of one thread, the median over the frames.
 
 import argparse
 import multiprocessing
+import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -22,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.harness import Table, Variants, measure_cpu_ms, median, option
+from benchmarks.processes import memory_mb
 from benchmarks.tracking import read_all_frames, track
 from drivers.camera import RgbdFrame
 from drivers.core import InputError
@@ -163,27 +165,16 @@ def measure_poses(args: argparse.Namespace) -> None:
     print(POSES_TABLE.head)
     for voxel_m in args.voxels:
         for name, known in (("truth", truth), ("surf", in_room)):
-            volume = TsdfVolume(TsdfConfig(voxel_m=voxel_m, memory_mb=MEMORY_MB))
-            add_ms = _integrate(volume, frames, known)
-            mesh, mesh_ms = measure_cpu_ms(volume.extract_mesh)
-            surface = SurfaceError.from_vertices(mesh.vertices_m.astype(np.float64), solids)
+            posed = ((frame, known.pose_near(frame.stamp_s)) for frame in frames)
+            fused = [(frame, T) for frame, T in posed if T is not None]
+            add_ms, mesh_s, points_m = _fuse(ServiceVolume(voxel_m), fused)
+            surface = SurfaceError.from_vertices(points_m, solids)
             ate_m = evaluate(known, truth).ate_rmse_m
-            costs = (median(add_ms), mesh_ms / 1e3)
+            costs = (median(add_ms), mesh_s)
             print(
                 POSES_TABLE.row(f"{1e3 * voxel_m:g} mm, {name}", ate_m, *surface.cells, *costs),
                 flush=True,
             )
-
-
-def _integrate(volume: TsdfVolume, frames: Sequence[RgbdFrame], poses: Trajectory) -> list[float]:
-    """Fuse the frames that have a pose; return the milliseconds of each."""
-    add_ms = []
-    for frame in frames:
-        T = poses.pose_near(frame.stamp_s)
-        if T is not None:
-            add = partial(volume.integrate, frame.depth_m, frame.color_bgr, frame.camera, T)
-            add_ms.append(measure_cpu_ms(add)[1])
-    return add_ms
 
 
 @option("config", metavar="CONFIG", type=Path)
@@ -246,19 +237,19 @@ class FusionVolume(Protocol):
         ...
 
 
-class ServiceVolume:
-    """The volume of `kinect-vo reconstruct`."""
+class ServiceVolume(TsdfVolume):
+    """The volume of `kinect-vo reconstruct`; its points are the vertices of the mesh."""
 
     def __init__(self, voxel_m: float) -> None:
-        self._fusion = TsdfVolume(TsdfConfig(voxel_m=voxel_m, memory_mb=MEMORY_MB))
+        super().__init__(TsdfConfig(voxel_m=voxel_m, memory_mb=MEMORY_MB))
 
     def add(self, frame: RgbdFrame, T_world_camera: Array) -> None:
         """See `FusionVolume`."""
-        self._fusion.integrate(frame.depth_m, frame.color_bgr, frame.camera, T_world_camera)
+        self.integrate(frame.depth_m, frame.color_bgr, frame.camera, T_world_camera)
 
     def points_m(self) -> Array:
-        """See `FusionVolume`; the points are those of the mesh."""
-        return self._fusion.extract_mesh().vertices_m.astype(np.float64)
+        """See `FusionVolume`."""
+        return self.extract_mesh().vertices_m.astype(np.float64)
 
 
 class OpenCvVolume:
@@ -380,15 +371,15 @@ def measure_volume(name: str, config: SyntheticConfig) -> tuple[float, ...]:
     cv2.setNumThreads(1)
     make = CANDIDATES[name]
     _fuse(make(), islice(render_with_truth(config), 1))  # compiles the kernels
-    before_mb = _private_memory_mb()
+    before_mb = memory_mb(os.getpid(), "RssAnon")
     volume = make()
     add_ms, fetch_s, points_m = _fuse(volume, render_with_truth(config))
-    memory_mb = _private_memory_mb() - before_mb
+    used_mb = memory_mb(os.getpid(), "RssAnon") - before_mb
     del volume
     surface = SurfaceError.from_vertices(
         points_m[:: 1 + len(points_m) // MAX_POINTS], make_solids(config)
     )
-    return (median(add_ms), max(add_ms), fetch_s, memory_mb, *surface.cells)
+    return (median(add_ms), max(add_ms), fetch_s, used_mb, *surface.cells)
 
 
 def _fuse(
@@ -401,13 +392,6 @@ def _fuse(
         add_ms.append(measure_cpu_ms(partial(volume.add, frame, T_world_camera))[1])
     points_m, fetch_ms = measure_cpu_ms(volume.points_m)
     return add_ms, fetch_ms / 1e3, points_m
-
-
-def _private_memory_mb() -> float:
-    """Memory of this process that is not shared with files."""
-    status = Path("/proc/self/status").read_text()
-    kilobytes = next(line for line in status.splitlines() if line.startswith("RssAnon"))
-    return float(kilobytes.split()[1]) / 1e3
 
 
 VARIANTS: Variants = {

@@ -26,7 +26,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.harness import Json, ResultCache, Table, option
+from benchmarks.harness import Json, ResultCache, Table, known_median, option
 from benchmarks.rendered_sequences import THREADS
 from benchmarks.tours import compute_true_poses, make_runner, make_tour_config, make_tour_frame
 from benchmarks.tracking import METHOD
@@ -243,30 +243,6 @@ class RelocalizationOutcome:
     is_wrong: bool
 
 
-@dataclass(frozen=True)
-class RelocalizationSummary:
-    """Summary of trials; `prompt` counts those in the old map within MAX_PROMPT_FRAMES."""
-
-    trials: int
-    old_map: int
-    prompt: int
-    new_map: int
-    nowhere: int
-    wrong: int
-    median_frames: float | None
-    median_m: float | None
-    largest_m: float | None
-    largest_deg: float | None
-
-    def format_row(self, name: str) -> str:
-        """The line of the table."""
-        return TABLE.row(
-            name,
-            *(self.trials, self.old_map, self.prompt, self.new_map, self.nowhere, self.wrong),
-            *(self.median_frames, self.median_m, self.largest_m, self.largest_deg),
-        )
-
-
 def evaluate_trial(
     estimates: Sequence[Estimate], T_room_camera: Array, overlap_frame: int
 ) -> RelocalizationOutcome:
@@ -305,24 +281,23 @@ def evaluate_trial(
     )
 
 
-def summarize(outcomes: Sequence[RelocalizationOutcome]) -> RelocalizationSummary:
-    """Count the outcomes, and summarize the errors in the old map."""
-    relocalized = [outcome for outcome in outcomes if outcome.is_old_map]
-    waited = [outcome.frames for outcome in relocalized if outcome.frames is not None]
-    errors_m = [outcome.error_m for outcome in relocalized if outcome.error_m is not None]
-    errors_deg = [outcome.error_deg for outcome in relocalized if outcome.error_deg is not None]
+def format_row(name: str, outcomes: Sequence[RelocalizationOutcome]) -> str:
+    """Count the outcomes, and format the errors in the old map."""
+    old = [outcome for outcome in outcomes if outcome.is_old_map]
+    waited = [outcome.frames for outcome in old if outcome.frames is not None]
+    errors_m = [outcome.error_m for outcome in old if outcome.error_m is not None]
+    errors_deg = [outcome.error_deg for outcome in old if outcome.error_deg is not None]
     nowhere = sum(outcome.frames is None for outcome in outcomes)
-    return RelocalizationSummary(
-        trials=len(outcomes),
-        old_map=len(relocalized),
-        prompt=sum(frames <= MAX_PROMPT_FRAMES for frames in waited),
-        new_map=len(outcomes) - len(relocalized) - nowhere,
-        nowhere=nowhere,
-        wrong=sum(outcome.is_wrong for outcome in outcomes),
-        median_frames=float(np.median(waited)) if waited else None,
-        median_m=float(np.median(errors_m)) if errors_m else None,
-        largest_m=max(errors_m, default=None),
-        largest_deg=max(errors_deg, default=None),
+    return TABLE.row(
+        name,
+        len(outcomes),
+        len(old),
+        sum(frames <= MAX_PROMPT_FRAMES for frames in waited),
+        len(outcomes) - len(old) - nowhere,
+        nowhere,
+        sum(outcome.is_wrong for outcome in outcomes),
+        *(known_median(waited), known_median(errors_m)),
+        *(max(errors_m, default=None), max(errors_deg, default=None)),
     )
 
 
@@ -342,8 +317,8 @@ def main(args: argparse.Namespace) -> None:
         result = cache.get_or_run(f"{name}-{count}", partial(_measure, args, seed, count))
         outcomes = [RelocalizationOutcome(**each) for each in result["outcomes"]]
         together += outcomes
-        print(summarize(outcomes).format_row(name), flush=True)
-    print(summarize(together).format_row("together"))
+        print(format_row(name, outcomes), flush=True)
+    print(format_row("together", together))
 
 
 def _measure(args: argparse.Namespace, seed: int, count: int) -> Json:

@@ -5,7 +5,6 @@ python -m benchmarks service_latency navigation [--seconds 60] [--rounds 5]
 """
 
 import argparse
-import importlib.util
 import json
 import os
 import signal
@@ -31,6 +30,7 @@ from tests.resource_leaks import find_child_running
 from tests.simulators.zenoh_router import running_router
 from tests.vo_service.service_process import ServiceProcess, running_service
 from vo_service import CommandRefused, PoseClient
+from vo_service.outputs.rerun.web_viewer_server import rerun_binary
 from vo_service.types.commands import SaveMapCommand
 
 WARM_UP_S = 4.0
@@ -166,12 +166,9 @@ def _save_map(service: ServiceProcess) -> None:
 @contextmanager
 def _rerun_server() -> Iterator[tuple["subprocess.Popen[bytes]", int]]:
     """Run Rerun's server in place of a viewer; kill it at the end."""
-    package = importlib.util.find_spec("rerun_cli")
-    if package is None or package.origin is None:
-        raise RuntimeError("Rerun is not installed")
-    program, port = Path(package.origin).with_name("rerun"), free_port()
+    port = free_port()
     options = ["--serve-grpc", "--bind", "127.0.0.1", "--port", str(port)]
-    command = [str(program), *options, "--server-memory-limit", "100MB"]
+    command = [str(rerun_binary()), *options, "--server-memory-limit", "100MB"]
     quiet = subprocess.DEVNULL
     with subprocess.Popen(command, stdout=quiet, stderr=quiet) as process:
         try:

@@ -9,9 +9,8 @@ in millimeters.
 """
 
 import argparse
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +36,9 @@ from benchmarks.tracking import (
     track_with,
 )
 from drivers.camera import RgbdFrame
-from drivers.core.geometry import Array, Trajectory, so3_exp
+from drivers.core.geometry import Array, so3_exp
+from drivers.faulty_camera import Fault, FaultKind
+from drivers.tum.folder import open_tum_folder
 from vo_service.odom_frame import OdomFrame
 from vo_service.odometry.features.parameters import SurfParameters
 from vo_service.odometry.features.views import FeatureView
@@ -46,9 +47,7 @@ from vo_service.odometry.surf.odometry import SurfOdometry
 from vo_service.odometry.surf.recovery import RecoveredPose, SurfRecovery
 from vo_service.odometry.warm_up import warm_up
 
-Frames = list[RgbdFrame]
 Image = NDArray[np.integer[Any]]
-FrameTransform = Callable[[Frames], Frames]  # the corrupted frames, perhaps fewer
 
 MAX_FOCAL_ERROR_PX = 0.5
 MAX_DELAY_ERROR_S = 0.0003
@@ -201,65 +200,38 @@ class SwingMotion:
 
 
 @dataclass(frozen=True)
-class FrameCorruption:
-    """A corruption of `pieces` evenly spread pieces of `frames` frames each."""
+class Corruption:
+    """A fault or a swing in `pieces` evenly spread pieces of `frames` frames each."""
 
-    corrupt: FrameTransform
+    kind: FaultKind | SwingMotion
     frames: int
     pieces: int
 
-    def apply(self, frames: Frames) -> Frames:
-        """Return the frames with corrupted pieces; frames between the pieces do not change."""
-        out: Frames = []
-        begin = 0
-        for n in range(self.pieces):
-            first = (2 * n + 1) * len(frames) // (2 * self.pieces) - self.frames // 2
-            last = first + self.frames
-            out += frames[begin:first] + self.corrupt(frames[first:last])
-            begin = last
-        return out + frames[begin:]
+    def first_frames(self, count: int) -> list[int]:
+        """First frame of each piece of a recording of `count` frames."""
+        middles = ((2 * n + 1) * count // (2 * self.pieces) for n in range(self.pieces))
+        return [max(0, middle - self.frames // 2) for middle in middles]
+
+    def faults(self, count: int) -> tuple[Fault, ...]:
+        """The faults of a recording of `count` frames."""
+        if isinstance(self.kind, SwingMotion):
+            return ()
+        return tuple(Fault(self.kind, first, self.frames) for first in self.first_frames(count))
+
+    def swing(self, frames: Iterable[RgbdFrame], count: int) -> Iterator[RgbdFrame]:
+        """Yield the frames, with a swing in each piece if it is one."""
+        firsts, begin_s = self.first_frames(count), 0.0
+        for frame in frames:
+            begin_s = frame.stamp_s if frame.seq in firsts else begin_s
+            is_inside = any(first <= frame.seq < first + self.frames for first in firsts)
+            if is_inside and isinstance(self.kind, SwingMotion):
+                yield rotate(frame, self.kind, frame.stamp_s - begin_s)
+            else:
+                yield frame
 
 
-def blacken(piece: Frames) -> Frames:
-    """Make color black; depth needs no light."""
-    return [replace(f, color_bgr=np.zeros_like(f.color_bgr)) for f in piece]
-
-
-def freeze(piece: Frames) -> Frames:
-    """Repeat the first images with new stamps."""
-    first = piece[0]
-    return [replace(f, color_bgr=first.color_bgr, depth_raw=first.depth_raw) for f in piece]
-
-
-def replace_with_noise(piece: Frames) -> Frames:
-    """Replace color and depth by noise."""
-    return [_noise_frame(f) for f in piece]
-
-
-def remove(piece: Frames) -> Frames:
-    """Remove all frames."""
-    return piece[:0]
-
-
-def add_swing(piece: Frames, motion: SwingMotion) -> Frames:
-    """Swing the camera and return it, with motion blur."""
-    begin_s = piece[0].stamp_s
-    return [_rotate(f, motion, f.stamp_s - begin_s) for f in piece]
-
-
-def _noise_frame(frame: RgbdFrame) -> RgbdFrame:
-    random = np.random.default_rng(frame.seq)
-    shape = frame.color_bgr.shape
-    gray = random.integers(0, 256, (*shape[:2], 1), np.uint8)
-    farthest = int(5.0 * frame.depth_factor)
-    return replace(
-        frame,
-        color_bgr=np.repeat(gray, 3, axis=2),
-        depth_raw=random.integers(0, farthest, shape[:2]).astype(np.uint16),
-    )
-
-
-def _rotate(frame: RgbdFrame, swing: SwingMotion, time_s: float) -> RgbdFrame:
+def rotate(frame: RgbdFrame, swing: SwingMotion, time_s: float) -> RgbdFrame:
+    """Swing the camera, with motion blur, `time_s` after the begin of the swing."""
     exposed_s = time_s + swing.exposure_s * np.linspace(-0.5, 0.5, BLUR_SAMPLES)
     shots = [
         _warp(frame.color_bgr, frame, swing.rotation_at(t), cv2.INTER_LINEAR) for t in exposed_s
@@ -296,16 +268,16 @@ SHAKE = SwingMotion((0.15, 0.4, 0.1), rate_hz=2.75, exposure_s=0.012)
 # A turn to both sides in a dim room: at most 4 degrees per frame.
 PAN = SwingMotion((0.15, 0.7, 0.1), rate_hz=0.5, exposure_s=0.025)
 
-CORRUPTIONS: Mapping[str, FrameCorruption] = {
-    "black 0.5 s": FrameCorruption(blacken, 15, 4),
-    "frozen 0.5 s": FrameCorruption(freeze, 15, 4),
-    "noise 0.5 s": FrameCorruption(replace_with_noise, 15, 4),
-    "shaken 1 s": FrameCorruption(partial(add_swing, motion=SHAKE), 30, 3),
-    "panned 2 s": FrameCorruption(partial(add_swing, motion=PAN), 60, 2),
-    "missing 0.5 s": FrameCorruption(remove, 15, 4),
-    "missing 1 s": FrameCorruption(remove, 30, 3),
-    "missing 2 s": FrameCorruption(remove, 60, 2),
-    "missing 3 s": FrameCorruption(remove, 90, 1),
+CORRUPTIONS: Mapping[str, Corruption] = {
+    "black 0.5 s": Corruption(FaultKind.BLACK, 15, 4),
+    "frozen 0.5 s": Corruption(FaultKind.FROZEN, 15, 4),
+    "noise 0.5 s": Corruption(FaultKind.NOISE, 15, 4),
+    "shaken 1 s": Corruption(SHAKE, 30, 3),
+    "panned 2 s": Corruption(PAN, 60, 2),
+    "missing 0.5 s": Corruption(FaultKind.DROPPED, 15, 4),
+    "missing 1 s": Corruption(FaultKind.DROPPED, 30, 3),
+    "missing 2 s": Corruption(FaultKind.DROPPED, 60, 2),
+    "missing 3 s": Corruption(FaultKind.DROPPED, 90, 1),
 }
 
 
@@ -329,32 +301,31 @@ CORRUPTED_TABLE = Table(
 def measure_corrupted(args: argparse.Namespace) -> None:
     """Tracking by `surf` of recordings with corrupted pieces, with and without recovery.
 
-    Each FOLDER has some hundred frames, which are all held in memory. A frame is lost if it has no
-    pose; after 30 in a row tracking restarts in a new epoch. The ATE is that of all published
+    Each FOLDER has some hundred frames. A frame is lost if it has no pose; after 30 in a row
+    tracking restarts in a new epoch. The ATE is that of all published
     poses, across epochs. CPU milliseconds are the largest of any frame, without decoding. "without"
     compares each frame with the last good one only.
     """
     warm_up("surf", lambda stage: None)
     for folder in args.folder:
-        with open_frames_with_truth(folder) as (all_frames, truth):
-            frames = list(all_frames)
         print(f"{folder}\n{CORRUPTED_TABLE.head}")
         for name, corruption in CORRUPTIONS.items():
-            corrupted = corruption.apply(frames)
-            both = [_track_corrupted(corrupted, truth, each) for each in RECOVERIES.values()]
+            both = [_track_corrupted(folder, corruption, each) for each in RECOVERIES.values()]
             values = [value for pair in zip(*both, strict=True) for value in pair]
-            print(CORRUPTED_TABLE.row(name, len(corrupted), *values), flush=True)
+            print(CORRUPTED_TABLE.row(name, *values[1:]), flush=True)
 
 
 def _track_corrupted(
-    frames: Frames, truth: Trajectory, make_recovery: type[SurfRecovery]
+    folder: Path, corruption: Corruption, make_recovery: type[SurfRecovery]
 ) -> tuple[float | None, ...]:
-    """Track all frames once; return lost frames, new epochs, error, and largest CPU time."""
+    """Track all frames once; return their number, lost ones, new epochs, error, largest time."""
+    count = len(open_tum_folder(folder, None).frames.pairs)
     parameters, timer = SurfParameters(), CpuStageTimer()
     odometry = SurfOdometry(parameters=parameters, recovery=make_recovery(parameters), timer=timer)
-    tracked = track_with(odometry, timer, frames, OdomFrame())
-    accuracy = evaluate_accuracy(tracked, truth)
-    return accuracy.failed, accuracy.resets, accuracy.ate_m, float(tracked.cpu_ms.max())
+    with open_frames_with_truth(folder, corruption.faults(count)) as (frames, truth):
+        tracked = track_with(odometry, timer, corruption.swing(frames, count), OdomFrame())
+    each = evaluate_accuracy(tracked, truth)
+    return each.frames, each.failed, each.resets, each.ate_m, float(tracked.cpu_ms.max())
 
 
 VARIANTS: Variants = {

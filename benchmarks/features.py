@@ -45,71 +45,52 @@ TABLE = Table(
 )
 Gray = NDArray[np.uint8]
 Corners = list[tuple[float, float]]
+Size = tuple[int, int]
 
 # Blur of a camera's own optics, in its pixels (Lowe 2004, Section 3.3).
 CAMERA_BLUR_PX = 0.5
 
 
-def _identity(image: Gray) -> Gray:
-    return image
-
-
 @dataclass(frozen=True)
 class ImageTransform:
-    """One transform, as by a camera motion or a change of the light.
+    """One transform of an image, as by a camera motion or a change of the light.
 
     Attributes:
         group: Its group in the table.
-        warp: (width, height) -> homography (3, 3) from original to transformed pixels.
+        H: Homography (3, 3) from pixels of the original to pixels of the transformed image.
         zoom: Size of objects in the transformed image relative to the original.
         change_brightness: Change of the brightness after the warp.
     """
 
     group: str
-    warp: Callable[[int, int], Array] = field(default=lambda width, height: np.eye(3))
+    H: Array = field(default_factory=lambda: np.eye(3))
     zoom: float = 1.0
-    change_brightness: Callable[[Gray], Gray] = _identity
-
-    def homography(self, image: Gray) -> Array:
-        """Homography (3, 3) from pixels of the original to pixels of the transformed image."""
-        return self.warp(image.shape[1], image.shape[0])
+    change_brightness: Callable[[Gray], Gray] = np.copy
 
     def apply(self, image: Gray) -> Gray:
         """Transform an image; the result has the same size."""
-        size = (image.shape[1], image.shape[0])
-        H = self.homography(image)
-        sharp = image if np.array_equal(H, np.eye(3)) else _resample(image, H, size, self.zoom)
-        return self.change_brightness(sharp)
+        warped = image if np.array_equal(self.H, np.eye(3)) else _resample(image, self.H, self.zoom)
+        return self.change_brightness(warped)
 
 
-def all_transforms() -> list[ImageTransform]:
-    """Make the 34 transforms of the benchmark."""
+def all_transforms(size: Size) -> list[ImageTransform]:
+    """Make the 34 transforms of the benchmark, of images of (width, height)."""
+    rotations = [(float(angle), 1.0) for angle in (10, 20, 30, 45, 60, 90, 135, 180)]
+    zooms = [(0.0, zoom) for zoom in (0.5, 0.63, 0.8, 1.25, 1.6, 2.0)]
+    both = [(30.0, 0.7), (45.0, 1.4), (100.0, 0.8), (160.0, 1.6)]
+    changes: list[tuple[str, Callable[[Gray], Gray]]] = [
+        *(("blur", partial(blur, sigma)) for sigma in (1.0, 1.5, 2.0, 3.0)),
+        *(("light", partial(_change_lighting, *light)) for light in LIGHTS),
+        *(("noise", partial(add_noise, sigma)) for sigma in (5.0, 10.0, 15.0, 20.0)),
+    ]
     return [
         *(
-            ImageTransform("rotation", make_rotation(angle))
-            for angle in (10, 20, 30, 45, 60, 90, 135, 180)
+            ImageTransform(group, make_rotation(size, angle, zoom), zoom)
+            for group, motions in (("rotation", rotations), ("scale", zooms), ("both", both))
+            for angle, zoom in motions
         ),
-        *(
-            ImageTransform("scale", make_rotation(0, z), z)
-            for z in (0.5, 0.63, 0.8, 1.25, 1.6, 2.0)
-        ),
-        *(
-            ImageTransform("both", make_rotation(angle, zoom), zoom)
-            for angle, zoom in ((30, 0.7), (45, 1.4), (100, 0.8), (160, 1.6))
-        ),
-        *(ImageTransform("perspective", make_perspective_tilt(*tilt)) for tilt in TILTS),
-        *(
-            ImageTransform("blur", change_brightness=partial(blur, sigma))
-            for sigma in (1.0, 1.5, 2.0, 3.0)
-        ),
-        *(
-            ImageTransform("light", change_brightness=partial(_change_lighting, *light))
-            for light in LIGHTS
-        ),
-        *(
-            ImageTransform("noise", change_brightness=partial(add_noise, sigma))
-            for sigma in (5.0, 10.0, 15.0, 20.0)
-        ),
+        *(ImageTransform("perspective", make_perspective_tilt(size, *tilt)) for tilt in TILTS),
+        *(ImageTransform(group, change_brightness=change) for group, change in changes),
     ]
 
 
@@ -119,43 +100,35 @@ TILTS = ((0.1, 0, 0, 0), (0, 0.2, 0, 0), (0, 0, 0.15, 0), (0.1, 0, 0, 0.15))
 LIGHTS = ((0.5, 1.0, 0.0), (2.0, 1.0, 0.0), (1.0, 0.5, 0.0), (1.0, 1.3, 20.0))
 
 
-def make_rotation(angle_deg: float, zoom: float = 1.0) -> Callable[[int, int], Array]:
+def make_rotation(size: Size, angle_deg: float, zoom: float = 1.0) -> Array:
     """Rotate about the center of the image and zoom in."""
-
-    def warp(width: int, height: int) -> Array:
-        middle = ((width - 1) / 2, (height - 1) / 2)
-        H = np.eye(3)
-        H[:2] = cv2.getRotationMatrix2D(middle, angle_deg, zoom)
-        return H
-
-    return warp
+    H, middle = np.eye(3), ((size[0] - 1) / 2, (size[1] - 1) / 2)
+    H[:2] = cv2.getRotationMatrix2D(middle, angle_deg, zoom)
+    return H
 
 
 def make_perspective_tilt(
-    left: float, right: float, top: float, bottom: float
-) -> Callable[[int, int], Array]:
+    size: Size, left: float, right: float, top: float, bottom: float
+) -> Array:
     """Tilt the scene away from the camera: one side becomes shorter.
 
     Args:
+        size: Width and height of the image.
         left: Fraction of the image by which the left corners move inwards.
         right: The same for the right corners.
         top: The same for the upper corners.
         bottom: The same for the lower corners.
     """
-
-    def warp(width: int, height: int) -> Array:
-        right_px, bottom_px = width - 1.0, height - 1.0
-        corners: Corners = [(0, 0), (right_px, 0), (right_px, bottom_px), (0, bottom_px)]
-        moved: Corners = [
-            (width * (left + top), height * (top + left)),
-            (right_px - width * (right + top), height * (top + right)),
-            (right_px - width * (right + bottom), bottom_px - height * (bottom + right)),
-            (width * (left + bottom), bottom_px - height * (bottom + left)),
-        ]
-        H = cv2.getPerspectiveTransform(np.array(corners, np.float32), np.array(moved, np.float32))
-        return np.asarray(H, np.float64)
-
-    return warp
+    (width, height), right_px, bottom_px = size, size[0] - 1.0, size[1] - 1.0
+    corners: Corners = [(0, 0), (right_px, 0), (right_px, bottom_px), (0, bottom_px)]
+    moved: Corners = [
+        (width * (left + top), height * (top + left)),
+        (right_px - width * (right + top), height * (top + right)),
+        (right_px - width * (right + bottom), bottom_px - height * (bottom + right)),
+        (width * (left + bottom), bottom_px - height * (bottom + left)),
+    ]
+    H = cv2.getPerspectiveTransform(np.array(corners, np.float32), np.array(moved, np.float32))
+    return np.asarray(H, np.float64)
 
 
 def blur(sigma_px: float, image: Gray) -> Gray:
@@ -176,13 +149,13 @@ def add_noise(sigma: float, image: Gray) -> Gray:
     return np.clip(np.rint(image + noise), 0, 255).astype(np.uint8)
 
 
-def _resample(image: Gray, H: Array, size: tuple[int, int], zoom: float) -> Gray:
+def _resample(image: Gray, H: Array, zoom: float) -> Gray:
     """Warp; where the image shrinks, first blur it like the camera's optics."""
     blur_px = CAMERA_BLUR_PX * np.sqrt(max(1.0 / zoom**2 - 1.0, 0.0))
     smooth = blur(float(blur_px), image) if blur_px > 0 else image
     # The border is replicated: there is no edge along it and no mirrored copy beyond it.
     warped = cv2.warpPerspective(
-        smooth, H, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        smooth, H, size_of(image), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
     )
     return np.asarray(warped, np.uint8)
 
@@ -292,9 +265,7 @@ class FeatureScore:
         return len(self.errors_px)
 
 
-def score_features(
-    original: FeatureSet, changed: FeatureSet, H: Array, size: tuple[int, int]
-) -> FeatureScore:
+def score_features(original: FeatureSet, changed: FeatureSet, H: Array, size: Size) -> FeatureScore:
     """Compare the features of an image, (width, height), with those of its transformed version.
 
     `H` is the homography (3, 3) from pixels of the original to pixels of the transformed image.
@@ -333,7 +304,7 @@ def scale_at(H: Array, points_px: Array) -> Array:
     return np.asarray(np.sqrt(np.abs(np.linalg.det(H) / w**3)))
 
 
-def is_inside(points_px: Array, size: tuple[int, int]) -> NDArray[np.bool_]:
+def is_inside(points_px: Array, size: Size) -> NDArray[np.bool_]:
     """Which pixels (N, 2) are inside an image of (width, height)."""
     return np.asarray(np.all((points_px >= 0) & (points_px <= np.array(size) - 1.0), axis=1))
 
@@ -360,7 +331,7 @@ def main(args: argparse.Namespace) -> None:
     for name, method in make_all_methods().items():
         print(f"measuring {name} ...", file=sys.stderr)
         rows[name] = measure(method, images)
-    print(f"{len(images)} images, {len(all_transforms())} transforms of each")
+    print(f"{len(images)} images, {len(all_transforms((2, 2)))} transforms of each")
     print(TABLE.head)
     print(*(TABLE.row(name, *cells) for name, cells in rows.items()), sep="\n")
 
@@ -416,11 +387,15 @@ def measure(method: FeatureMethod, images: Sequence[Gray]) -> list[float]:
 
 def score_method(method: FeatureMethod, image: Gray) -> Iterator[tuple[str, FeatureScore]]:
     """Yield the group and the score of each transform of an image."""
-    size = (image.shape[1], image.shape[0])
-    original = method(image)
-    for change in all_transforms():
+    size, original = size_of(image), method(image)
+    for change in all_transforms(size):
         changed = method(change.apply(image))
-        yield change.group, score_features(original, changed, change.homography(image), size)
+        yield change.group, score_features(original, changed, change.H, size)
+
+
+def size_of(image: Gray) -> Size:
+    """Width and height of an image."""
+    return image.shape[1], image.shape[0]
 
 
 def measure_cost(method: FeatureMethod, image: Gray) -> tuple[float, int]:

@@ -13,6 +13,7 @@ from benchmarks.harness import measure_cpu_ms, option
 from drivers.camera import EndOfStream, PlaybackMode, RgbdCamera, RgbdFrame
 from drivers.core import InputError
 from drivers.core.geometry import Array, Trajectory, inverse, nearest_indices, pose_distance
+from drivers.faulty_camera import Fault, FaultyCamera
 from drivers.playback.camera import RecordingCamera
 from vo_service.odom_frame import OdomFrame, StampedFrame
 from vo_service.odometry.registry import DEFAULT_METHOD, METHODS, MethodConfig
@@ -44,20 +45,28 @@ def read_all_frames(camera: RgbdCamera) -> Iterator[RgbdFrame]:
 
 
 @contextmanager
-def open_frames(folder: Path) -> Iterator[tuple[Iterator[RgbdFrame], Trajectory | None]]:
+def open_frames(
+    folder: Path, faults: tuple[Fault, ...] = ()
+) -> Iterator[tuple[Iterator[RgbdFrame], Trajectory | None]]:
     """Open a recording: all its frames, and its ground truth; None if it has none.
+
+    Args:
+        folder: The recording.
+        faults: Faults of its frames.
 
     Raises:
         InputError: The recording cannot be used.
     """
     with RecordingCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
-        yield read_all_frames(camera), camera.ground_truth
+        yield read_all_frames(FaultyCamera(camera, faults, seed=0)), camera.ground_truth
 
 
 @contextmanager
-def open_frames_with_truth(folder: Path) -> Iterator[tuple[Iterator[RgbdFrame], Trajectory]]:
+def open_frames_with_truth(
+    folder: Path, faults: tuple[Fault, ...] = ()
+) -> Iterator[tuple[Iterator[RgbdFrame], Trajectory]]:
     """Open a recording as `open_frames`. Raises InputError if it has no ground truth."""
-    with open_frames(folder) as (frames, truth):
+    with open_frames(folder, faults) as (frames, truth):
         if truth is None:
             raise InputError(f"{folder}: has no groundtruth.txt; name a recording with one")
         yield frames, truth

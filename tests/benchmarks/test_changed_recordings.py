@@ -12,18 +12,16 @@ from benchmarks.changed_recordings import (
     CORRUPTIONS,
     MAX_DELAY_ERROR_S,
     MAX_FOCAL_ERROR_PX,
-    FrameCorruption,
+    Corruption,
     SwingMotion,
-    add_swing,
     format_spread,
-    freeze,
     make_perturbation,
-    remove,
-    replace_with_noise,
+    rotate,
 )
 from benchmarks.harness import Json
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import rigid_transform
+from drivers.faulty_camera import Fault, FaultKind
 from tests.forked_process import run_module
 from tests.vo_service.fakes import make_frame
 from tests.vo_service.odometry.hand_held_sequence import assert_close, estimate_all
@@ -119,14 +117,18 @@ def still() -> list[RgbdFrame]:
 
 
 def test_pieces_are_evenly_spread_and_the_rest_is_unchanged(still: list[RgbdFrame]) -> None:
-    left = FrameCorruption(remove, frames=2, pieces=2).apply(still)
-    assert [frame.seq for frame in left] == [0, 3, 4, 7]
+    missing = Corruption(FaultKind.DROPPED, frames=2, pieces=2)
+    assert missing.first_frames(8) == [1, 5]
+    assert missing.faults(8)[1] == Fault(FaultKind.DROPPED, 5, 2)
+    swung = Corruption(SwingMotion((0.0, 0.3, 0.0), 1.0, 0.0), 2, 2).swing(still, 8)
+    unchanged = [frame is before for frame, before in zip(swung, still, strict=True)]
+    assert unchanged == [n not in (1, 2, 5, 6) for n in range(8)]
 
 
 @pytest.mark.slow
 def test_a_swing_moves_the_view(still: list[RgbdFrame]) -> None:
     swing = SwingMotion((0.04, 0.15, 0.03), rate_hz=1.0, exposure_s=0.0)
-    estimates = estimate_all(SurfOdometry(), add_swing(still, swing))
+    estimates = estimate_all(SurfOdometry(), [rotate(f, swing, f.stamp_s) for f in still])
     for frame, estimate in zip(still, estimates, strict=True):
         turned = rigid_transform(swing.rotation_at(frame.stamp_s), np.zeros(3))
         assert estimate.ok
@@ -135,22 +137,11 @@ def test_a_swing_moves_the_view(still: list[RgbdFrame]) -> None:
 
 def test_an_open_shutter_blurs_a_swing(still: list[RgbdFrame]) -> None:
     sharp, blurred = (
-        add_swing(still, SwingMotion((0.0, 0.3, 0.0), 1.0, exposure_s))[0]
+        rotate(still[0], SwingMotion((0.0, 0.3, 0.0), 1.0, exposure_s), 0.0)
         for exposure_s in (0.0, 0.03)
     )
     assert np.abs(np.diff(blurred.gray.astype(int))).mean() < 0.7 * (
         np.abs(np.diff(sharp.gray.astype(int))).mean()
-    )
-
-
-def test_frozen_and_noisy_frames_keep_their_stamps(still: list[RgbdFrame]) -> None:
-    for spoil in (freeze, replace_with_noise):
-        assert [f.stamp_s for f in spoil(still)] == [f.stamp_s for f in still]
-    assert_close(
-        estimate_all(SurfOdometry(), freeze(still))[-1].T_world_camera, np.eye(4), 1e-9, 1e-6
-    )
-    assert not any(
-        e.ok for e in estimate_all(SurfOdometry(), [still[0], *replace_with_noise(still[1:])])[1:]
     )
 
 

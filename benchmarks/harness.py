@@ -172,7 +172,8 @@ class Table:
         Args:
             name_width: Width of the first column, with the rows' names.
             columns: Heading and format of each, with its width: "frames:8d", "seconds:8.1f". The
-                cells of a format such as "8.1mm" are meters.
+                cells of a format such as "8.1mm" are printed times a thousand: lengths in meters,
+                or times in seconds.
         """
         headings, formats = zip(*(column.rsplit(":", 1) for column in columns), strict=True)
         self._formats = [each.replace("mm", "f") for each in formats]

@@ -17,7 +17,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import cycle, islice
 from pathlib import Path
@@ -190,16 +190,6 @@ def _measure_percent(seconds: float, kinect: KinectSimulator, variant: str) -> f
     return float(run.stdout)
 
 
-@dataclass(frozen=True)
-class InputPath:
-    """An input of the service."""
-
-    name: str
-    source: str
-    pace: PlaybackMode
-    environment: Mapping[str, str]
-
-
 @option("folder", type=Path)
 @option("--frames", type=int, default=None, help="use only the first N frames")
 def compare_paths(args: argparse.Namespace) -> None:
@@ -228,33 +218,33 @@ def _compare(folder: Path, max_frames: int | None, scratch: Path) -> None:
     usb_frames = write_fitted_usb_frames(scratch, folder_frames(folder, None, max_frames))
     with KinectSimulator(scratch, usb_frames, registration=IDENTITY) as kinect:
         kinect.loop = LoopMode.ONCE
-        input_paths = [
-            InputPath("folder", f"tum:{folder}", PlaybackMode.LOCKSTEP, {}),
-            InputPath(".oni, libOpenNI2", f"openni2:{oni}", PlaybackMode.LOCKSTEP, {}),
-            InputPath("dump, fakenect", f"fakenect:{dump}", PlaybackMode.LOCKSTEP, {}),
-            InputPath("Kinect, libfreenect", "freenect", PlaybackMode.REALTIME, kinect.environment),
-        ]
+        sources = {
+            "folder": f"tum:{folder}",
+            ".oni, libOpenNI2": f"openni2:{oni}",
+            "dump, fakenect": f"fakenect:{dump}",
+            "Kinect, libfreenect": "freenect",
+        }
         print(PATHS_TABLE.head)
         reference = Trajectory(np.empty(0), np.empty((0, 4, 4)))
-        for path in input_paths:
-            trajectory = _run(path, camera_file, scratch, len(frames))
+        for name, source in sources.items():
+            pace, variables = PlaybackMode.LOCKSTEP, dict[str, str]()
+            if source == "freenect":
+                pace, variables = PlaybackMode.REALTIME, dict(kinect.environment)
+            options = ("--camera", source, "--camera-file", str(camera_file), "--pace", pace)
+            trajectory = _run(options, variables, scratch / f"{name}.txt", len(frames))
             trajectory = _match_to_frames(trajectory, stamps_s, truth)
-            reference = trajectory if path.name == "folder" else reference
+            reference = trajectory if name == "folder" else reference
             ate_m = evaluate(trajectory, truth).ate_rmse_m
             max_m = max_distance_m(trajectory, reference)
-            print(PATHS_TABLE.row(path.name, len(trajectory), ate_m, max_m), flush=True)
+            print(PATHS_TABLE.row(name, len(trajectory), ate_m, max_m), flush=True)
 
 
-def _run(input_path: InputPath, camera_file: Path, scratch: Path, count: int) -> Trajectory:
+def _run(
+    options: Sequence[str], variables: Mapping[str, str], trajectory: Path, count: int
+) -> Trajectory:
     """Return the poses that ``kinect-vo run`` writes, up to `count` or until it stops."""
-    trajectory = scratch / f"{input_path.source.partition(':')[0]}.txt"
-    command = [
-        KINECT_VO, "run", "--no-publish",
-        "--camera", input_path.source, "--camera-file", str(camera_file), "--pace", input_path.pace,
-        "--trajectory", str(trajectory),
-    ]  # fmt: skip
-    environment = {**os.environ, **input_path.environment}
-    with subprocess.Popen(command, env=environment) as process:
+    command = [KINECT_VO, "run", "--no-publish", *options, "--trajectory", str(trajectory)]
+    with subprocess.Popen(command, env={**os.environ, **variables}) as process:
         _wait_for_lines(trajectory, count, process)
         process.send_signal(signal.SIGTERM)
     return read_trajectory(trajectory)

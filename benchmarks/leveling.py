@@ -4,7 +4,6 @@ python -m benchmarks leveling [--minutes 60] [--seeds 3]
 """
 
 import argparse
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,23 +39,6 @@ TABLE = Table(
 )
 
 
-@dataclass(frozen=True)
-class Drive:
-    """What a drive is simulated with.
-
-    Attributes:
-        drift_deg: Drift of the odometry's attitude about each axis, degrees per root second.
-        has_floor: Whether the floor is in view half of the time, or never.
-        minutes: Length.
-        seed: Of the noise.
-    """
-
-    drift_deg: float
-    has_floor: bool
-    minutes: float
-    seed: int
-
-
 @option("--minutes", type=float, default=60.0)
 @option("--seeds", type=int, default=3)
 def main(args: argparse.Namespace) -> None:
@@ -65,31 +47,37 @@ def main(args: argparse.Namespace) -> None:
     for drift_deg in (0.02, 0.07):
         for has_floor in (True, False):
             results = [
-                simulate(Drive(drift_deg, has_floor, args.minutes, seed))
-                for seed in range(args.seeds)
+                simulate(drift_deg, has_floor, args.minutes, seed) for seed in range(args.seeds)
             ]
             name = f"median {args.seeds}"
             view = "half" if has_floor else "never"
             print(TABLE.row(name, drift_deg, view, *np.median(results, axis=0)))
 
 
-def simulate(drive: Drive) -> tuple[float, ...]:
-    """Return the last six columns of the table."""
-    rng = np.random.default_rng(drive.seed)
+def simulate(drift_deg: float, has_floor: bool, minutes: float, seed: int) -> tuple[float, ...]:
+    """Simulate a drive; return the last six columns of the table.
+
+    Args:
+        drift_deg: Drift of the odometry's attitude about each axis, degrees per root second.
+        has_floor: Whether the floor is in view half of the time, or never.
+        minutes: Length.
+        seed: Of the noise.
+    """
+    rng = np.random.default_rng(seed)
     T_base_camera = _mount()
     odom_frame = OdomFrame(T_base_camera)
     bias_m_s2 = ACCELEROMETER_BIAS_M_S2 * _unit(rng.normal(size=3))
     detector_rays = _rays()
     T_world_base, T_drifted = np.eye(4), np.eye(4)
     heights_m, gravity_m_s2 = [], -bias_m_s2 - STANDARD_GRAVITY_M_S2 * T_base_camera[2, :3]
-    tilts, steps, is_in_view, next_change_s, last = [], [], drive.has_floor, 0.0, None
-    for seq in range(int(drive.minutes * 60.0 * RATE_HZ)):
+    tilts, steps, is_in_view, next_change_s, last = [], [], has_floor, 0.0, None
+    for seq in range(int(minutes * 60.0 * RATE_HZ)):
         stamp_s = seq / RATE_HZ
         if stamp_s >= next_change_s and seq:
-            is_in_view = drive.has_floor and not is_in_view
+            is_in_view = has_floor and not is_in_view
             next_change_s = stamp_s + rng.exponential(FLOOR_PERIOD_S)
         motion, acceleration_m_s2 = _motion(stamp_s)
-        error = so3_exp(np.radians(drive.drift_deg) / np.sqrt(RATE_HZ) * rng.normal(size=3))
+        error = so3_exp(np.radians(drift_deg) / np.sqrt(RATE_HZ) * rng.normal(size=3))
         T_world_base = T_world_base @ motion
         T_drifted = T_drifted @ motion @ rigid_transform(error, np.zeros(3))
         T_drifted = orthonormalize(T_drifted)

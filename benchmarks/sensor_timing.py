@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -55,7 +56,15 @@ SEEDS = tuple(range(301, 321))
 DURATION_S = 20.0
 START_FRAMES = (0, 30, 60, 90, 120)
 LEARNED_TABLE = Table(
-    *(16, "readout:8.1f", "learned:13", "delay:8.1f", "learned:13", "settled s:11", "3 sigma:9.0%"),
+    *(
+        16,
+        "readout:8.1mm",
+        "learned:13",
+        "delay:8.1mm",
+        "learned:13",
+        "settled s:11",
+        "3 sigma:9.0%",
+    ),
     *("known:8.1mm", "unknown:9.1mm", "ratio:7.2f", "failed:9", "resets:8d"),
 )
 START_TABLE = Table(
@@ -63,7 +72,7 @@ START_TABLE = Table(
     "depth offset:14",
 )
 CALIBRATED_TABLE = Table(
-    12, "readout:9g", "estimate:14", "depth offset:14g", "estimate:14", "CPU s:7.0f"
+    12, "readout:9.0mm", "estimate:14", "depth offset:14.0mm", "estimate:14", "CPU s:7.0f"
 )
 
 
@@ -256,7 +265,7 @@ def format_row(name: str, result: Json) -> str:
     timing = [
         cell
         for truth_s, text in zip(result["truth_s"], learned, strict=True)
-        for cell in (1e3 * truth_s, text)
+        for cell in (truth_s, text)
     ]
     settling_s = result["settling_s"]
     return LEARNED_TABLE.row(
@@ -360,41 +369,40 @@ def format_start(name: str, result: Json) -> str:
     )
 
 
-@dataclass(frozen=True)
-class TimingCase:
-    """A sequence along a track or with a virtual motion; its seed and length."""
+def make_case(
+    readout_ms: float,
+    delay_ms: float,
+    seed: int,
+    track: str = "",
+    start_s: float = 0.0,
+    **more: Any,
+) -> SyntheticConfig:
+    """Make a sequence of the virtual Kinect, with all sensor faults.
 
-    readout_ms: float
-    skew_ms: float
-    seed: int
-    track: str = ""
-    start_s: float = 0.0
-    motion: MotionKind = MotionKind.HAND_HELD
-    duration_s: float = 20.0
-
-    def config(self, tracks: Path) -> SyntheticConfig:
-        """Make the configuration of the virtual Kinect, with all sensor faults."""
-        file = (tracks / f"{self.track}-groundtruth.txt").resolve()
-        return SyntheticConfig(
-            seed=self.seed,
-            duration_s=self.duration_s,
-            track=file if self.track else None,
-            track_start_s=self.start_s,
-            motion=self.motion,
-            timing=ShutterTiming(self.readout_ms / 1e3, self.skew_ms / 1e3),
-        )
+    Args:
+        readout_ms: Readout of the rolling shutter.
+        delay_ms: Delay of depth.
+        seed: Seed of the room.
+        track: Name of the track that the camera follows; "" for a virtual motion.
+        start_s: Start in the track.
+        more: Further fields of the configuration.
+    """
+    timing = ShutterTiming(readout_ms / 1e3, delay_ms / 1e3)
+    file = Path(f"{track}-groundtruth.txt") if track else None
+    settings = {"duration_s": 20.0, "track": file, "track_start_s": start_s, **more}
+    return SyntheticConfig(seed=seed, timing=timing, **settings)
 
 
 CASES = {
-    "desk": TimingCase(10.0, -8.0, 21, "fr1_desk", 2.0),
-    "desk-2": TimingCase(15.0, 5.0, 22, "fr1_desk", 2.0),
-    "desk-3": TimingCase(30.0, 12.0, 24, "fr1_desk", 2.0),
-    "rpy": TimingCase(25.0, 0.0, 23, "fr1_rpy", 4.0),
-    "rpy-2": TimingCase(20.0, 10.0, 27, "fr1_rpy", 4.0),
-    "xyz": TimingCase(0.0, 0.0, 25, "fr1_xyz", 4.0),
-    "hand-held": TimingCase(20.0, 10.0, 26),
-    "slow": TimingCase(20.0, 10.0, 28, motion=MotionKind.SMOOTH, duration_s=8.0),
-    "still": TimingCase(20.0, 10.0, 29, motion=MotionKind.STILL, duration_s=10.0),
+    "desk": make_case(10.0, -8.0, 21, "fr1_desk", 2.0),
+    "desk-2": make_case(15.0, 5.0, 22, "fr1_desk", 2.0),
+    "desk-3": make_case(30.0, 12.0, 24, "fr1_desk", 2.0),
+    "rpy": make_case(25.0, 0.0, 23, "fr1_rpy", 4.0),
+    "rpy-2": make_case(20.0, 10.0, 27, "fr1_rpy", 4.0),
+    "xyz": make_case(0.0, 0.0, 25, "fr1_xyz", 4.0),
+    "hand-held": make_case(20.0, 10.0, 26),
+    "slow": make_case(20.0, 10.0, 28, motion=MotionKind.SMOOTH, duration_s=8.0),
+    "still": make_case(20.0, 10.0, 29, motion=MotionKind.STILL, duration_s=10.0),
 }
 
 
@@ -410,14 +418,17 @@ def measure_calibrated(args: argparse.Namespace) -> None:
     are not rendered again. Their stamps say that depth was taken with color, so the whole depth
     offset must be estimated.
     """
-    configs = {name: CASES[name].config(args.tracks) for name in args.only}
+    configs = {
+        name: replace(CASES[name], track=track and (args.tracks / track).resolve())
+        for name, track in ((name, CASES[name].track) for name in args.only)
+    }
     folders = render_all(args.output, configs, args.processes)
     print(CALIBRATED_TABLE.head)
     for name, folder in folders.items():
-        print(_calibrated_row(name, CASES[name], folder), flush=True)
+        print(_calibrated_row(name, CASES[name].timing, folder), flush=True)
 
 
-def _calibrated_row(name: str, case: TimingCase, folder: Path) -> str:
+def _calibrated_row(name: str, true: ShutterTiming, folder: Path) -> str:
     begin_s = time.process_time()
     measurement = TimingMeasurement()
     with open_frames(folder) as (frames, _):
@@ -425,7 +436,7 @@ def _calibrated_row(name: str, case: TimingCase, folder: Path) -> str:
             measurement.process(replace(frame, skew_s=0.0))
     readout, offset = (str(value).removesuffix(" ms") for value in measurement.timing.values())
     spent_s = time.process_time() - begin_s
-    return CALIBRATED_TABLE.row(name, case.readout_ms, readout, case.skew_ms, offset, spent_s)
+    return CALIBRATED_TABLE.row(name, true.readout_s, readout, true.skew_s, offset, spent_s)
 
 
 VARIANTS: Variants = {

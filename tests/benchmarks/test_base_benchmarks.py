@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.base import SimulatedWheels, TrueMotion, Variant
-from benchmarks.leveling import Drive, simulate
+from benchmarks.leveling import simulate
 from drivers.core.geometry import Trajectory, rigid_transform, so3_exp
 from vo_service.wheel_odometry.planar_pose import planar_part
 
@@ -38,14 +38,14 @@ def test_wheels_tell_the_motion_with_their_errors(slip: float) -> None:
 
 
 def test_a_minute_of_driving_with_the_floor_in_view_stays_level() -> None:
-    tilt_rms_deg, _, height_m, step_deg, step_mm, _ = simulate(Drive(0.02, True, 0.5, 0))
+    tilt_rms_deg, _, height_m, step_deg, step_m, _ = simulate(0.02, True, 0.5, 0)
     assert 0.0 < tilt_rms_deg < 0.2
     assert height_m < 0.05
     assert step_deg < 0.03
-    assert step_mm < 1.0
+    assert step_m < 1e-3
 
 
 def test_the_drift_is_that_of_the_odometry() -> None:
-    drifting, _, _, _, _, _ = simulate(Drive(0.5, False, 0.5, 0))
-    steady, _, _, _, _, _ = simulate(Drive(0.02, False, 0.5, 0))
+    drifting, _, _, _, _, _ = simulate(0.5, False, 0.5, 0)
+    steady, _, _, _, _, _ = simulate(0.02, False, 0.5, 0)
     assert drifting > 1.5 * steady

@@ -27,7 +27,7 @@ from benchmarks.simulated_kinect import make_kinect
 from benchmarks.subscriber import wall_clock_offset_s
 from drivers.core.files import atomic_write
 from drivers.core.geometry import Array
-from tests.resource_leaks import count_open_files_of, is_alive
+from tests.resource_leaks import command_line_of, count_open_files_of, is_alive
 from tests.simulators.kinect_simulator import KinectSimulator
 from tests.vo_service.service_process import ServiceProcess, running_service
 from tests.vo_service.subscriber import StatusContent, SubscribedPose
@@ -372,11 +372,11 @@ def soak_kinect(args: argparse.Namespace) -> int:
             kinect.start_ticks = 2**32 - round(wrap_s * TICKS_PER_S)
             with running_service(folder, kinect.environment, popen=subprocess.Popen) as service:
                 samples = take_samples(service, kinect, seconds)
-                processes = service.process.pid, service.driver_pid
+                names = {each: process_name(each) for each in samples[-1].memory_mb}
                 exit_code = service.stop()
                 poses = service.received.poses[samples[0].poses : samples[-1].poses]
     lost = report_lost(samples, poses)
-    report_costs(samples, poses, processes)
+    report_costs(samples, poses, names)
     print(f"the service ended with exit code {exit_code}; {lost} frames lost")
     return 1 if lost or exit_code else 0
 
@@ -390,14 +390,14 @@ class KinectSample:
         sent: Frames that the Kinect has sent.
         poses: Number of received poses.
         status: Received after everything else was read.
-        memory_mb: Proportional set size of service and driver.
+        memory_mb: Proportional set size by process: its sum is the memory of all.
     """
 
     load: Load
     sent: int
     poses: int
     status: StatusContent
-    memory_mb: tuple[float, float]
+    memory_mb: Mapping[int, float]
 
 
 def take_samples(
@@ -410,7 +410,7 @@ def take_samples(
     for until_s in (0.0, min(FIRST_REPORT_S, seconds / 2), seconds):
         time.sleep(max(0.0, begin_s + until_s - time.monotonic()))
         load, sent, poses = meter.read(), min(kinect.frames_sent), len(service.received.poses)
-        memory_mb = proportional_mb(service.process.pid), proportional_mb(service.driver_pid)
+        memory_mb = {process: proportional_mb(process) for process in load.cpu_s}
         wait_for_new_status(service)
         samples.append(KinectSample(load, sent, poses, service.status, memory_mb))
     return samples
@@ -448,10 +448,17 @@ def report_lost(samples: Sequence[KinectSample], poses: Sequence[SubscribedPose]
     return max(missing, counters["dropped"] + counters["skipped"] + gaps) + backwards
 
 
+def process_name(process: int) -> str:
+    """The name of a worker by its function: "recorder" for ...recorder.worker:run_recorder."""
+    function = next((word for word in command_line_of(process) if ":run" in word), "service")
+    package = function.partition(":")[0].removesuffix(".worker").rpartition(".")[2]
+    return {"subprocess_camera": "driver"}.get(package, package.removesuffix("_process"))
+
+
 def report_costs(
-    samples: Sequence[KinectSample], poses: Sequence[SubscribedPose], processes: Sequence[int]
+    samples: Sequence[KinectSample], poses: Sequence[SubscribedPose], names: Mapping[int, str]
 ) -> None:
-    """Print stamp intervals and latencies; CPU time and memory of service, driver and all."""
+    """Print stamp intervals and latencies; CPU time and memory of each process and of all."""
     interval_ms = 1e3 * np.diff([pose.stamp_s for pose in poses])
     low, middle, high = np.percentile(interval_ms, [1, 50, 99])
     print(
@@ -464,15 +471,18 @@ def report_costs(
         f"latency of the last frames, ms: median {latency['p50_ms']:.1f}, "
         f"99 % {latency['p99_ms']:.1f}"
     )
-    for which, name in enumerate(("service", "driver")):
+    for process, name in names.items():
         print(
-            f"{name}: {last.load.percent(processes[which]):.1f} % of a core; "
-            f"{early.memory_mb[which]:.1f} MB after {early.load.seconds:.0f} s, "
-            f"{last.memory_mb[which]:.1f} MB at the end"
+            f"{name}: {last.load.percent(process):.1f} % of a core; "
+            f"{early.memory_mb.get(process, 0.0):.1f} MB after {early.load.seconds:.0f} s, "
+            f"{last.memory_mb[process]:.1f} MB at the end"
         )
     all_s = (sum(each.load.cpu_s.values()) for each in (last, early))
     share = (next(all_s) - next(all_s)) / (last.load.seconds - early.load.seconds)
-    print(f"all processes in the second part: {100 * share:.1f} % of a core")
+    print(
+        f"all processes: {100 * share:.1f} % of a core in the second part; "
+        f"{sum(last.memory_mb.values()):.1f} MB"
+    )
 
 
 VARIANTS: Variants = {

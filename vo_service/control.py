@@ -259,6 +259,11 @@ class LoadShedder:
         """Why the viewer is paused; "" if it is not."""
         return "the machine is too slow: the viewer is paused" if self._is_paused else ""
 
+    @property
+    def has_viewers(self) -> bool:
+        """Whether there is a viewer to pause."""
+        return bool(self._viewers)
+
     def configure(self, settings: LoadConfig) -> None:
         """Apply new settings; the viewers run again."""
         self._is_enabled = settings.adapt

@@ -231,7 +231,8 @@ class OdomFrame:
 
     def _rotate_to_odom(self, covariance: Array, T_odom_base: Array) -> Array:
         in_base = self._Ad_base_camera @ covariance @ self._Ad_base_camera.T
-        turn = np.kron(np.eye(2), T_odom_base[:3, :3])
+        turn = np.zeros((6, 6))
+        turn[:3, :3] = turn[3:, 3:] = T_odom_base[:3, :3]
         turned = turn @ in_base @ turn.T
         return 0.5 * (turned + turned.T)
 

@@ -162,9 +162,10 @@ class Service:
         # Level: the floor in view keeps the next poses level.
         self._odom_frame.measure_level(update)
         # Load shedding: pause the viewers if the machine is too slow.
-        busy_s = time.monotonic() - begin_s
-        interval_s, dropped = self.statistics.interval_s, self._camera.counters.dropped
-        self._load_shedder.add_frame(busy_s, interval_s, dropped)
+        if self._load_shedder.has_viewers:
+            busy_s = time.monotonic() - begin_s
+            interval_s, dropped = self.statistics.interval_s, self._camera.counters.dropped
+            self._load_shedder.add_frame(busy_s, interval_s, dropped)
 
     def _make_update(self, frame: RgbdFrame, estimate: Estimate) -> OdometryUpdate:
         stamped = StampedFrame(frame, self._clock.published_s(frame.stamp_s))

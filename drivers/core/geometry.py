@@ -151,7 +151,7 @@ def quaternion_from_rotation(R: Array) -> Array:
 
     It is an eigenvector of Bar-Itzhack's symmetric 4x4 matrix: no branch, stable for every angle.
     """
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = R
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = R.tolist()  # NumPy's scalars are slow
     K = np.array(
         [
             [xx - yy - zz, xy + yx, xz + zx, zy - yz],
@@ -164,21 +164,26 @@ def quaternion_from_rotation(R: Array) -> Array:
     return -q if q[3] < 0 else q
 
 
+def _length(vector: Array) -> float:
+    """Length of a short vector: `np.linalg.norm` takes twice as long for the same bits."""
+    contiguous = vector.ravel()
+    return math.sqrt(contiguous.dot(contiguous))
+
+
 def so3_exp(rotation_vector_rad: ArrayLike) -> Array:
     """Convert a rotation vector (3,) in radians to a 3x3 rotation, by Rodrigues' formula."""
     v = np.asarray(rotation_vector_rad, dtype=np.float64)
-    angle = float(np.linalg.norm(v))
+    angle = _length(v)
     K = skew_matrix(v)
     # np.sinc(x) is sin(pi x) / (pi x): both factors stay exact down to a zero angle.
-    sine = np.sinc(angle / np.pi)
-    cosine = 0.5 * np.sinc(angle / (2 * np.pi)) ** 2
-    return np.eye(3) + sine * K + cosine * (K @ K)
+    sine, half_sine = np.sinc([angle / np.pi, angle / (2 * np.pi)])
+    return np.eye(3) + sine * K + 0.5 * half_sine**2 * (K @ K)
 
 
 def so3_log(R: Array) -> Array:
     """Convert a 3x3 rotation to a rotation vector (3,) in radians: the inverse of `so3_exp`."""
     q = quaternion_from_rotation(R)
-    sine = float(np.linalg.norm(q[:3]))
+    sine = _length(q[:3])
     half_angle = float(np.arctan2(sine, q[3]))
     scale = 2.0 if sine < 1e-12 else 2.0 * half_angle / sine
     return scale * q[:3]

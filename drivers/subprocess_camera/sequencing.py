@@ -35,7 +35,7 @@ class MonotonicSequence:
         if frame.seq + self._seq_offset <= self._last_seq:
             self._seq_offset = self._last_seq + 1 - frame.seq
         self._last_stamp_s, self._last_seq = frame.stamp_s, frame.seq + self._seq_offset
-        return replace(frame, seq=self._last_seq)
+        return replace(frame, seq=self._last_seq) if self._seq_offset else frame
 
 
 def stamp_receive_time(frame: RgbdFrame) -> RgbdFrame:

@@ -143,7 +143,7 @@ class LevelFilter:
         self._variance += elapsed_s * DRIFT_RAD_PER_ROOT_S**2
         turn_rad, shift_m = share * self._tilt_error_rad, share * self._height_error_m
         turn_rad *= min(1.0, MAX_RATE_RAD_S * elapsed_s / max(hypot(*turn_rad), 1e-12))
-        shift_m = float(np.clip(shift_m, -MAX_RATE_M_S * elapsed_s, MAX_RATE_M_S * elapsed_s))
+        shift_m = max(-MAX_RATE_M_S * elapsed_s, min(shift_m, MAX_RATE_M_S * elapsed_s))
         self._tilt_error_rad = self._tilt_error_rad - turn_rad
         self._height_error_m -= shift_m
         return LevelCorrection(turn_rad, shift_m)

@@ -117,7 +117,6 @@ class CovarianceAccumulator:
     Attributes:
         pose: 6x6 of the last pose since the start: (translation m, rotation rad), as a small
             motion in the camera's axes.
-        step: 6x6 of the motion since the last good frame, likewise.
     """
 
     def __init__(self) -> None:
@@ -126,7 +125,7 @@ class CovarianceAccumulator:
     def reset(self) -> None:
         """Make the next pose the origin."""
         self.pose = diagonal_covariance(MIN_SIGMA_M, MIN_SIGMA_RAD)
-        self.step = np.zeros((6, 6))
+        self._step: tuple[Array | None, Array, Array] = None, np.zeros((6, 6)), np.eye(4)
         self._reference_covariance = self.pose  # in the reference's axes
         # Of the last good frame against the reference; None if it is the reference.
         self._last_covariance: Array | None = None
@@ -139,15 +138,17 @@ class CovarianceAccumulator:
             self.pose = _add_biased(reference, covariance)
         else:
             self.pose = covariance + reference
-        self.step = (
-            covariance
-            if self._last_covariance is None
-            else _step_covariance(self._last_covariance, covariance, T_last_camera)
-        )
+        self._step = self._last_covariance, covariance, T_last_camera
         self._last_covariance = covariance
         if estimate.is_next_reference:
             self._reference_covariance = self.pose
             self._last_covariance = None
+
+    @property
+    def step(self) -> Array:
+        """6x6 of the motion since the last good frame, as `pose`; computed by each call."""
+        last, this, T_last_this = self._step
+        return this if last is None else _step_covariance(last, this, T_last_this)
 
 
 def _add_biased(first: Array, second: Array) -> Array:

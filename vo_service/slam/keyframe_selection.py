@@ -84,15 +84,17 @@ class ConstraintAccumulator:
         self._covariance = CovarianceAccumulator()
         self._length_m = 0.0
         self._last: tuple[int, float, Array] | None = None  # epoch, stamp and pose
+        # Of the last frame: the motion since the one before, and its time, s; None = unknown.
+        self._step: tuple[Array, float] | None = None
 
     def update(self, update: OdometryUpdate) -> OdometryConstraint | None:
         """Add a result; return the constraint if the frame becomes a keyframe."""
         if not update.estimate.ok:
             return None
-        velocity = self._accumulate(update)
+        self._accumulate(update)
         if not self._keyframe_selector.accepts(update):
             return None
-        constraint = OdometryConstraint(velocity, self._covariance.pose, self._length_m)
+        constraint = OdometryConstraint(self._velocity(), self._covariance.pose, self._length_m)
         self._covariance.reset()
         self._length_m = 0.0
         return constraint
@@ -101,18 +103,25 @@ class ConstraintAccumulator:
         """Make the next good frame a keyframe. May be called from any thread."""
         self._keyframe_selector.reset()
 
-    def _accumulate(self, update: OdometryUpdate) -> Array:
-        """Add a good frame, and return its velocity (6,)."""
+    def _accumulate(self, update: OdometryUpdate) -> None:
+        """Add a good frame."""
         epoch, stamp_s, T_world_camera = update.epoch, update.frame.stamp_s, update.T_world_camera
         last, self._last = self._last, (epoch, stamp_s, T_world_camera)
+        self._step = None
         if last is None or last[0] != epoch:
             self._covariance.reset()
             self._length_m = 0.0
-            return np.zeros(6)
+            return
         T_last_camera = inverse(last[2]) @ T_world_camera
         self._covariance.add(update.estimate, T_last_camera)
         self._length_m += float(np.linalg.norm(T_last_camera[:3, 3]))
-        duration_s = stamp_s - last[1]
+        self._step = T_last_camera, stamp_s - last[1]
+
+    def _velocity(self) -> Array:
+        """Velocity (6,) at the last frame, 0 if it is unknown."""
+        if self._step is None:
+            return np.zeros(6)
+        T_last_camera, duration_s = self._step
         if not 0.0 < duration_s <= MAX_VELOCITY_INTERVAL_S:
             return np.zeros(6)
         step = [-inverse(T_last_camera)[:3, 3], so3_log(T_last_camera[:3, :3])]

@@ -186,8 +186,7 @@ class AsynchronousLoopClosure:
 
     def __init__(self, submit: Callable[[OdometryUpdate], None]) -> None:
         self._submit = submit
-        # From `odom` to the odometry's world frame, and its epoch.
-        self._T_world_odom, self._epoch = np.eye(4), 0
+        self._last_good: OdometryUpdate | None = None
         self._last_update: OdometryUpdate | None = None
         self._results: deque[RelocalizationResult] = deque(maxlen=_MAX_PENDING_RESULTS)
         self.snapshot: MapSnapshot = NO_MAP
@@ -197,11 +196,10 @@ class AsynchronousLoopClosure:
         return RelocalizingOdometry(odometry, self)
 
     def on_update(self, update: OdometryUpdate) -> None:
-        """Update the transform between the odometry's world frame and `odom`."""
+        """Keep the update, for the transform between the odometry's world frame and `odom`."""
         self._last_update = update
         if update.estimate.ok:
-            self._T_world_odom = update.T_world_camera @ inverse(update.T_odom_camera)
-            self._epoch = update.epoch
+            self._last_good = update
 
     @property
     def has_map(self) -> bool:
@@ -211,14 +209,20 @@ class AsynchronousLoopClosure:
     def query(self, frame: RgbdFrame) -> None:
         """Send the frame to the process as a query."""
         if self._last_update is not None:
-            self._submit(replace(self._last_update, frame=frame, epoch=self._epoch))
+            epoch = 0 if self._last_good is None else self._last_good.epoch
+            self._submit(replace(self._last_update, frame=frame, epoch=epoch))
 
     def poll_results(self) -> Sequence[RelocalizationResult]:
         """Return the results since the last call."""
         results = []
         while self._results:
-            results.append(self._results.popleft().transform_to(self._T_world_odom))
+            results.append(self._results.popleft().transform_to(self._T_world_odom()))
         return results
+
+    def _T_world_odom(self) -> Array:
+        """4x4 transform from `odom` to the odometry's world frame."""
+        last = self._last_good
+        return np.eye(4) if last is None else last.T_world_camera @ inverse(last.T_odom_camera)
 
     def handle_message(self, message: RelocalizationResult | MapSnapshot) -> None:
         """Handle a message of the process."""

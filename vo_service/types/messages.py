@@ -7,7 +7,7 @@ raises the number.
 import json
 import platform
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from enum import StrEnum
 from importlib.metadata import version
 from typing import Annotated, Any, TypeVar, get_args, get_origin
@@ -284,6 +284,10 @@ class ErrorReply:
     message: Annotated[str, "error message, for people"]
 
 
+# A dataclass becomes an object of its fields. `asdict` copies each value first.
+_JSON = json.JSONEncoder(allow_nan=False, default=vars)
+
+
 def encode_message(message: Any, extra_fields: JsonObject | None = None) -> bytes:
     """Encode a dataclass as a JSON message with the schema number.
 
@@ -293,8 +297,8 @@ def encode_message(message: Any, extra_fields: JsonObject | None = None) -> byte
     Raises:
         ValueError: If a number is not finite.
     """
-    content = {"schema": MESSAGE_SCHEMA, **asdict(message), **(extra_fields or {})}
-    return json.dumps(content, allow_nan=False).encode()
+    content = {"schema": MESSAGE_SCHEMA, **vars(message), **(extra_fields or {})}
+    return _JSON.encode(content).encode()
 
 
 def pose_payload(update: OdometryUpdate, frame_ids: FrameIds) -> bytes:
@@ -365,6 +369,11 @@ def grid_payload(update: OdometryUpdate, frame_ids: FrameIds) -> bytes:
             update.stamp_s, frame_ids.map_frame_id, grid.resolution_m, grid.origin_xy_m, grid.cells
         )
     )
+
+
+def map_odom_message(update: OdometryUpdate, frame_ids: FrameIds) -> tuple[bytes, bytes]:
+    """Encode the map->odom transform and its attachment. Raises as `map_odom_payload`."""
+    return map_odom_payload(update, frame_ids), map_odom_attachment(update)
 
 
 def map_odom_attachment(update: OdometryUpdate) -> bytes:

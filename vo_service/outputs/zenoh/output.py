@@ -4,6 +4,7 @@ import logging
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Protocol
 
@@ -30,8 +31,7 @@ from vo_service.types.messages import (
     Status,
     encode_message,
     grid_payload,
-    map_odom_attachment,
-    map_odom_payload,
+    map_odom_message,
     pose_attachment,
     pose_payload,
     versions,
@@ -308,11 +308,17 @@ class ZenohOutput:
         self._extra.on_pose(update)
 
     def _publish_map(self, update: OdometryUpdate) -> None:
-        """Store the transform with the newest stamp; publish it if the map or epoch changed."""
-        payload = map_odom_payload(update, self._extra.frame_ids)
-        self._latest.map_odom = (payload, map_odom_attachment(update))
+        """Store the transform with the newest stamp; publish it if the map or epoch changed.
+
+        Most are never sent, so each is encoded when it is.
+        """
+        encode = partial(map_odom_message, update, self._extra.frame_ids)
         current = (update.map, update.epoch)
-        if current != self._published_map:
+        has_changed = current != self._published_map
+        if has_changed:
+            encode()  # raises for a transform that nobody can read, which is then not stored
+        self._latest.map_odom = encode
+        if has_changed:
             self._published_map = current
             self._send_map()
 
@@ -325,8 +331,9 @@ class ZenohOutput:
 
     def _send_map(self) -> None:
         if self._latest.map_odom is not None:
+            payload, attachment = self._latest.map_odom()
             for endpoints in self._endpoints:
-                endpoints.publish_map_odom(*self._latest.map_odom)
+                endpoints.publish_map_odom(payload, attachment)
 
     def _publish_status(self, status: Status) -> None:
         payload = encode_message(status, {"versions": self._versions})

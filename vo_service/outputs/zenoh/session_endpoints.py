@@ -51,7 +51,8 @@ class LatestMessages:
 
     def __init__(self) -> None:
         self.pose: tuple[bytes, bytes] | None = None  # CDR, attachment
-        self.map_odom: tuple[bytes, bytes] | None = None  # the same; None without a map
+        # Encodes CDR and attachment; None without a map.
+        self.map_odom: Callable[[], tuple[bytes, bytes]] | None = None
         self.status: bytes | None = None
         self.grid: bytes | None = None  # CDR; None without a map
 
@@ -148,7 +149,7 @@ class Queryables:
         if self.latest.map_odom is None:
             reply_error(query, NotPossibleError("there is no map yet"))
             return
-        payload, attachment = self.latest.map_odom
+        payload, attachment = self.latest.map_odom()
         reply(query, f"{self.prefix}/map_odom", payload, CDR_TRANSFORM, attachment)
 
     def _reply_grid(self, query: zenoh.Query) -> None:

@@ -6,7 +6,7 @@ Numba takes half a second to import, so it is imported with the first kernel.
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partial
 from typing import Any, ParamSpec, TypeVar
 
 from drivers.core.folders import kernel_folder
@@ -21,7 +21,37 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
     ``fastmath`` stays off, so that results are bit-identical with SSE2, AVX2 and AVX-512.
     """
     compiled: Callable[P, R] = _njit()(nogil=True, cache=True, error_model="numpy")(function)
+    _drop_loaded_modules(compiled)
     return compiled
+
+
+def _drop_loaded_modules(dispatcher: Any) -> None:
+    """Let a kernel that is loaded from the cache keep bitcode instead of its compiler's module.
+
+    Numba keeps the module for a later compilation of a kernel that calls this one, which hardly
+    ever happens. The bitcode serves as well, in a seventh of the memory.
+    """
+    cache = getattr(dispatcher, "_cache", None)  # there is none with NUMBA_DISABLE_JIT
+    implementation = getattr(cache, "_impl", None)
+    if implementation is None:
+        return
+    rebuild = implementation.rebuild
+
+    def rebuild_small(context: Any, payload: Any) -> Any:
+        result = rebuild(context, payload)
+        _name, kind, data = payload[0]
+        if kind == "object" and hasattr(result.library, "_shared_module"):
+            result.library._shared_module = None
+            result.library._get_module_for_linking = partial(_parse_bitcode, data[1])
+        return result
+
+    implementation.rebuild = rebuild_small
+
+
+def _parse_bitcode(bitcode: bytes) -> Any:
+    from llvmlite.binding import parse_bitcode
+
+    return parse_bitcode(bitcode)
 
 
 def inline_kernel(function: Callable[P, R]) -> Callable[P, R]:

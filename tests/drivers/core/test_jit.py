@@ -70,6 +70,31 @@ def test_a_user_program_shares_the_kernel_cache_of_the_command_line(tmp_path: Pa
     assert list((tmp_path / "cache" / "kernels").rglob("program.double*.nbi"))
 
 
+CALLER = """
+from program import double, kernel
+
+@kernel
+def quadruple(x):
+    return double(double(x))
+
+double(3)  # loads it from the cache
+assert double._cache_hits
+assert quadruple(3) == 12
+"""
+
+
+@pytest.mark.subprocess
+def test_a_kernel_that_is_loaded_from_the_cache_can_be_called_by_a_new_one(tmp_path: Path) -> None:
+    (tmp_path / "program.py").write_text(PROGRAM)
+    (tmp_path / "caller.py").write_text(CALLER)
+    environment = {name: text for name, text in os.environ.items() if name != "NUMBA_CACHE_DIR"}
+    environment |= {"CACHE_DIRECTORY": str(tmp_path / "cache"), "PYTHONPATH": str(ROOT)}
+    subprocess.run(
+        [sys.executable, "-c", "import program"], cwd=tmp_path, env=environment, check=True
+    )
+    subprocess.run([sys.executable, "caller.py"], cwd=tmp_path, env=environment, check=True)
+
+
 def is_kernel_source(file: Path) -> bool:
     return any(file.is_relative_to(ROOT / source) for source in KERNEL_SOURCES)
 

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -50,6 +49,8 @@ class Undistorter:
         self._is_needed = any(distortion)
         if not self._is_needed:
             return
+        import cv2  # here, because a driver that changes no image needs no OpenCV
+
         coefficients = np.array(distortion, dtype=np.float64)
         size = (camera.width, camera.height)
         columns, rows = cv2.initUndistortRectifyMap(
@@ -63,12 +64,16 @@ class Undistorter:
         """Undistort (height, width, 3) uint8 bilinearly; black outside the original image."""
         if not self._is_needed:
             return image
+        import cv2
+
         return cv2.remap(image, *self._bilinear_maps, cv2.INTER_LINEAR)  # type: ignore[return-value]
 
     def undistort_depth(self, image: NDArray[np.uint16]) -> NDArray[np.uint16]:
         """Undistort (height, width) uint16 without interpolation; 0 outside the original image."""
         if not self._is_needed:
             return image
+        import cv2
+
         return cv2.remap(image, *self._nearest_maps, cv2.INTER_NEAREST)  # type: ignore[return-value]
 
 
@@ -107,6 +112,8 @@ class SoftwareRegistration:
 
     def register(self, image: NDArray[np.uint16]) -> NDArray[np.uint16]:
         """Map the depth camera's (height, width) uint16 image to the color camera's; 0 = none."""
+        import cv2
+
         undistorted = self._undistorter.undistort_depth(image)
         is_usable = cv2.inRange(undistorted, self._min_value, self._max_value)
         usable = cv2.bitwise_and(undistorted, undistorted, mask=is_usable)

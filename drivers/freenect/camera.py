@@ -6,8 +6,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
-
 from drivers.camera import (
     CameraCounters,
     CameraState,
@@ -190,6 +188,8 @@ class FreenectCamera(RgbdCamera):
         self._conversion.to_mm(pair.depth.pixels, depth)
         bgr, depth = rectifier.rectify_color(bgr), rectifier.rectify_depth(depth)
         if self._settings.mirror:
+            import cv2  # here, because without it nothing of the driver needs OpenCV
+
             # Finished images, because libfreenect's registration needs unmirrored depth.
             bgr, depth = cv2.flip(bgr, 1), cv2.flip(depth, 1)  # type: ignore[assignment]
             camera = replace(camera, cx=camera.width - 1 - camera.cx)

@@ -4,7 +4,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -52,6 +51,8 @@ def load_kernels() -> None:
 
 
 def _to_bgr(color_rgb: NDArray[np.uint8], bgr: NDArray[np.uint8]) -> None:
+    import cv2  # here, because images of a Kinect need none of it
+
     cv2.cvtColor(color_rgb, cv2.COLOR_RGB2BGR, bgr)
 
 

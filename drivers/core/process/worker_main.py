@@ -60,9 +60,6 @@ def _run(function: str, connection: "Connection[object, object]") -> None:
 
 
 def _lower_priority(spec: WorkerSpec) -> None:
-    import cv2
-
-    cv2.setNumThreads(1)
     with suppress(OSError):  # a hardened unit forbids it
         os.nice(spec.nice)
     if spec.oom_score_adj is not None:

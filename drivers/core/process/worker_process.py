@@ -26,6 +26,8 @@ from drivers.core.process.worker_spec import WorkerConfig, WorkerSpec
 logger = logging.getLogger(__name__)
 _MAX_LINE_CHARS = 200
 _REAP_TIMEOUT_S = 5.0
+# A worker has one thread of OpenCV, which it imports when it needs it.
+_WORKER_ENVIRONMENT = {"OPENCV_FOR_THREADS_NUM": "1"}
 
 
 class WorkerProcess:
@@ -208,6 +210,10 @@ def start_worker(
         stderr=stderr,
         bufsize=0,
         pass_fds=fds,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        env={
+            **os.environ,
+            **_WORKER_ENVIRONMENT,
+            "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
+        },
         start_new_session=True,
     )

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from drivers.core import UserFacingError
 from drivers.core.geometry import Array
+from drivers.core.memory import release_memory
 from drivers.ros_messages.sensors import LaserScanMessage
 from vo_service.config_tables import FrameIds, ScanConfig
 from vo_service.navigation.level_view import LevelMounting
@@ -69,6 +70,7 @@ class FrameScans:
 
         ensure_compiled(["scan"], lambda _: None)
         RobotScanner.warm_up()
+        release_memory()  # of the compiler
         if problem := mounting_problem(self._config, self._T_base_camera):
             logger.warning("scan: %s", problem)
         self._scanner = RobotScanner(self._config, self._T_base_camera, self._frame_id)

@@ -10,11 +10,7 @@ from drivers.camera import PosePrior, RgbdFrame
 from drivers.core.geometry import Array, adjoint, inverse, rigid_transform, so3_exp, so3_log
 from vo_service.leveling.leveling import Leveling
 from vo_service.types.odometry_update import OdometryUpdate, TrackingState
-from vo_service.wheel_odometry.wheel_odometry import (
-    NullWheelOdometry,
-    WheelMotion,
-    WheelOdometrySource,
-)
+from vo_service.wheel_odometry.wheel_odometry import WheelMotion, WheelOdometrySource
 
 # How far a planar base leaves its floor at bumps: height, roll and pitch.
 FLOOR_SIGMA_M, FLOOR_SIGMA_RAD = 0.003, radians(0.3)
@@ -70,8 +66,7 @@ class PosePriors:
         if not update.estimate.ok:
             return
         last = self._last
-        is_continuous = last is not None and last.epoch == update.epoch
-        if last is not None and is_continuous and not isinstance(self._wheels, NullWheelOdometry):
+        if last is not None and last.epoch == update.epoch:
             T_from_to = (
                 self._T_base_camera
                 @ (inverse(last.T_odom_camera) @ update.T_odom_camera)

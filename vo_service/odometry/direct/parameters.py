@@ -172,7 +172,7 @@ MIN_UNBIASED_OBSERVABILITY = 7.5
 # Factor for errors that are common to the whole image, which the residuals do not show.
 COVARIANCE_INFLATION = 2.0
 # Lower bound of the pose's sigmas, m and rad: errors of calibration and timing.
-MIN_POSE_SIGMAS = (1e-4, 1e-4)
+MIN_POSE_SIGMAS = (1.3e-4, 1.3e-4)
 
 # VIGNETTING
 # Sigma of the vignetting before any view, and its largest value.

@@ -13,13 +13,19 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
+import numpy as np
+
 from drivers.freenect.conversion import load_kernels
 from drivers.synthetic.renderer import warm_up_renderer
 from vo_service.depth_packing import compile_kernels
 from vo_service.kernels.argument_types import to_json
 from vo_service.kernels.kernel_list import KERNEL_FILE
+from vo_service.odometry.direct.image_pyramid import ALL_STATIC, build_image_pyramid
+from vo_service.odometry.direct.keyframe import make_keyframe
+from vo_service.odometry.direct.keyframe_correction import correct_keyframe
+from vo_service.odometry.direct.motion import zero_motion
 from vo_service.odometry.registry import METHODS, OWN_METHODS, MethodConfig
-from vo_service.odometry.warm_up import run_warm_up_frames
+from vo_service.odometry.warm_up import WARM_UP_SEQUENCES, run_warm_up_frames
 from vo_service.types.odometry import NullStageTimer
 
 Signatures = list[tuple[str, list[Any]]]
@@ -35,11 +41,12 @@ def part_runs() -> dict[str, Callable[[], object]]:
     def ignore(_stage: str) -> None:
         pass
 
-    methods = {
+    methods: dict[str, Callable[[], object]] = {
         name: partial(run_warm_up_frames, partial(METHODS[name], MethodConfig(), NullStageTimer()))
         for name in OWN_METHODS
     }
     return methods | {
+        "direct": partial(run_direct, methods["direct"]),
         "Kinect": load_kernels,
         "virtual Kinect": warm_up_renderer,
         "depth packing": compile_kernels,
@@ -48,6 +55,15 @@ def part_runs() -> dict[str, Callable[[], object]]:
         "scan": RobotScanner.warm_up,
         "grid": GridMapper.warm_up,
     }
+
+
+def run_direct(run_generated_frames: Callable[[], object]) -> None:
+    """Run generated frames, and correct a keyframe: its timing is not learned from them."""
+    run_generated_frames()
+    frame = next(WARM_UP_SEQUENCES[0]())
+    images = build_image_pyramid(frame)
+    keyframe = make_keyframe(frame, images, np.eye(4), zero_motion(), ALL_STATIC)
+    correct_keyframe(keyframe, frame.camera, images.shutter, zero_motion())
 
 
 def compiled_signatures() -> Signatures:

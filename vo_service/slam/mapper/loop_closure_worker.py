@@ -6,7 +6,6 @@ from functools import partial
 from pathlib import Path
 
 from drivers.core.geometry import Array
-from drivers.core.memory import release_memory
 from drivers.core.process.record_ring import RingRecord
 from vo_service.config_tables import MapConfig
 from vo_service.frame_record import decode_frame, decode_metadata
@@ -31,7 +30,6 @@ class LoopClosureWorker:
     def __init__(self, settings: MapConfig, send: SendMapperMessage) -> None:
         """Load libraries and kernels, which takes seconds."""
         warm_up_loop_closure(lambda _: None)
-        release_memory()  # of the compiler
         self._settings = settings
         self._loop_closer = create_loop_closer(settings)
         self._send = send

@@ -17,10 +17,12 @@ from typing import TYPE_CHECKING, Any
 from drivers.core import InputError, UserFacingError
 from drivers.core.files import MEGABYTE, check_writable
 from drivers.core.geometry import Array
+from drivers.core.memory import release_memory
 from drivers.core.process.record_ring import RecordRingReader, RingRecord
 from drivers.core.process.service_connection import ServiceConnection
 from vo_service.config_tables import MapConfig
 from vo_service.frame_record import decode_metadata
+from vo_service.navigation.grid_mapper import GridMapper
 from vo_service.slam.mapper.keyframe_grid import KeyframeGrid
 from vo_service.slam.mapper.map_store import MapStore
 from vo_service.slam.mapper.mesh_job import FuseKeyframes, MeshJob, build_mesh
@@ -99,6 +101,8 @@ class MapperWorker:
         self._keyframes = MeshKeyframeStore(config.map_config.max_mb * MEGABYTE)
         self._store = MapStore(config.maps_folder)
         self._loop_closure = open_loop_closure_worker(config.map_config, send)
+        GridMapper.warm_up()
+        release_memory()  # all kernels are loaded
         self._fuse_keyframes = fuse_keyframes
         self._mesh_jobs: list[MeshJob] = []  # at most one
         with suppress(OSError):  # the status reports the error

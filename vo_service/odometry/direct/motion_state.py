@@ -1,6 +1,6 @@
 """Motion state of the camera at the last good frame, and what it predicts: a constant velocity."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -105,6 +105,10 @@ class MotionState:
             images.mean_brightness,
             well_constrained_stamp_s=images.stamp_s,
         )
+
+    def with_pose_prior(self, pose_prior: PosePrior | None) -> "MotionState":
+        """Return this state if it has this prior, or a copy with it."""
+        return self if pose_prior is self.pose_prior else replace(self, pose_prior=pose_prior)
 
     @property
     def told_motion(self) -> PosePrior | None:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivers.camera import RgbdFrame
+from drivers.camera import PosePrior, RgbdFrame
 from drivers.core.geometry import Array, inverse
 from vo_service.odometry.direct.alignment import (
     STATIC_PRIOR,
@@ -79,6 +79,13 @@ class DirectTrack:
     T_world_reference: Array
     is_first: bool = False
     last_frame: TrackedFrame | None = None
+
+    def with_pose_prior(self, pose_prior: PosePrior | None) -> "DirectTrack":
+        """Return a copy with what else tells of the next frame's pose."""
+        motion_state = self.motion_state.with_pose_prior(pose_prior)
+        return (
+            self if motion_state is self.motion_state else replace(self, motion_state=motion_state)
+        )
 
 
 class DirectOdometry:
@@ -175,8 +182,8 @@ class DirectOdometry:
         self._stamp_s = images.stamp_s
         if self._track is None:
             return self._start(frame, images, is_reset=False)
-        motion_state = replace(self._track.motion_state, pose_prior=frame.pose_prior)
-        track = replace(self._track, motion_state=motion_state)
+        track = self._track.with_pose_prior(frame.pose_prior)
+        motion_state = track.motion_state
         # Prediction and alignment: from where the last motion leads, coarse to fine.
         with self._timer.stage("align"):
             result = self._align(images, track)
@@ -419,15 +426,15 @@ class DirectOdometry:
             last_frame=tracked,
         )
         self._failures = 0
-        estimate = self._make_estimate(
+        return self._make_estimate(
             True,
             result.degradation or degradation_reason(result.alignment),
             make_tracking_debug(result.keyframe, result.alignment),
             T_reference_camera,
             uncertainty.covariance,
             is_next_reference=is_next_reference,
+            has_biased_error=uncertainty.has_biased_error,
         )
-        return replace(estimate, has_biased_error=uncertainty.has_biased_error)
 
     def _make_estimate(
         self,
@@ -438,6 +445,7 @@ class DirectOdometry:
         covariance: Array | None = None,
         is_reset: bool = False,
         is_next_reference: bool = True,
+        has_biased_error: bool = False,
     ) -> Estimate:
         return Estimate(
             ok=ok,
@@ -450,6 +458,7 @@ class DirectOdometry:
             inliers=int(debug.inlier.sum()),
             is_reset=is_reset,
             is_next_reference=is_next_reference,
+            has_biased_error=has_biased_error,
             depth_noise_per_m=self._depth_noise.measured_per_m,
             debug=debug,
         )

@@ -62,7 +62,7 @@ def fuse_with_prediction(
     """
     is_degenerate = bool(uncertainty.rejection_reason)
     # The measured pose of a good view takes account of what wheels tell: it is not counted again.
-    predicting = motion_state if is_degenerate else replace(motion_state, pose_prior=None)
+    predicting = motion_state if is_degenerate else motion_state.with_pose_prior(None)
     told = predicting.told_motion
     extrapolated = step = NO_INFORMATION
     if is_degenerate:

@@ -283,7 +283,7 @@ class DirectOdometry:
         motion_state = MotionState.at_rest(self._T_world_camera, images)
         self._track = DirectTrack(keyframe, motion_state, self._T_world_camera, is_first=True)
         self._failures = 0
-        return self._make_estimate(True, "", debug, is_reset=is_reset)
+        return replace(self._make_estimate(True, "", debug), is_reset=is_reset)
 
     def _start_rejection_reason(self, keyframe: DirectKeyframe, images: ImagePyramid) -> str:
         """Why a frame is no first keyframe: the next ones could not be aligned with it."""
@@ -443,7 +443,6 @@ class DirectOdometry:
         debug: TrackingDebug,
         T_reference_camera: Array | None = None,
         covariance: Array | None = None,
-        is_reset: bool = False,
         is_next_reference: bool = True,
         has_biased_error: bool = False,
     ) -> Estimate:
@@ -456,7 +455,6 @@ class DirectOdometry:
             features=len(debug.keypoints_px),
             matches=len(debug.matches_px),
             inliers=int(debug.inlier.sum()),
-            is_reset=is_reset,
             is_next_reference=is_next_reference,
             has_biased_error=has_biased_error,
             depth_noise_per_m=self._depth_noise.measured_per_m,

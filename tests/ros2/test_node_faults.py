@@ -35,6 +35,7 @@ def test_a_reader_that_hangs_delays_nobody(port: int, service: KinectVo, ros: Ro
     with ros.node(port), ros.reader(1000, *words) as stalled, ros.reader(1000, *words) as reader:
         stalled.first(IMAGE)
         reader.first(IMAGE)
+        reader.first("/odom")
         stalled.process.send_signal(signal.SIGSTOP)
         before = {topic: len(messages) for topic, messages in reader.messages.items()}
         wait_until(lambda: len(reader.messages["/odom"]) > before["/odom"] + 60)

@@ -127,12 +127,12 @@ def test_a_killed_process_is_restarted_and_draws_earlier_results(
         wait_until(lambda: output.warning == "")
         for seq in range(60, 90, 3):
             output.on_update(make_update(seq))
+        wait_until((tmp_path / "out-0001.rrd").exists)
     assert caplog.text.count("crashed (signal 9, Killed); starting it again") == 1
     assert is_complete(path)
     (so_far,) = read_column(path, "/world/trajectory/so_far", "LineStrips3D:strips")
     assert so_far[0][0] == [0.0, 0.0, 0.0]
     assert len(so_far[0]) > 5
-    assert (tmp_path / "out-0001.rrd").exists()
 
 
 def test_the_process_exits_when_the_service_is_killed(tmp_path: Path) -> None:

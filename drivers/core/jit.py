@@ -3,14 +3,19 @@
 Numba takes half a second to import, so it is imported with the first kernel.
 """
 
+import logging
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache, partial
+from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any, ParamSpec, TypeVar
 
+from drivers.core.errors import UserFacingError
 from drivers.core.folders import kernel_folder
 
+logger = logging.getLogger(__name__)
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -21,17 +26,35 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
     ``fastmath`` stays off, so that results are bit-identical with SSE2, AVX2 and AVX-512.
     """
     compiled: Callable[P, R] = _njit()(nogil=True, cache=True, error_model="numpy")(function)
-    _drop_loaded_modules(compiled)
+    cache = getattr(compiled, "_cache", None)  # there is none with NUMBA_DISABLE_JIT
+    if cache is not None:
+        _replace_damaged_files(cache)
+        _drop_loaded_modules(cache)
     return compiled
 
 
-def _drop_loaded_modules(dispatcher: Any) -> None:
+def _replace_damaged_files(cache: Any) -> None:
+    """Let a kernel whose files in the cache are damaged, as by a power cut, be compiled anew."""
+
+    def load_undamaged(signature: Any, context: Any) -> Any:
+        try:
+            return type(cache).load_overload(cache, signature, context)
+        except OSError:
+            raise
+        except Exception:  # pickle raises any exception for a damaged file
+            logger.warning("%s: a damaged kernel is compiled anew", cache.cache_path)
+            cache.flush()
+            return None
+
+    cache.load_overload = load_undamaged
+
+
+def _drop_loaded_modules(cache: Any) -> None:
     """Let a kernel that is loaded from the cache keep bitcode instead of its compiler's module.
 
     Numba keeps the module for a later compilation of a kernel that calls this one, which hardly
     ever happens. The bitcode serves as well, in a seventh of the memory.
     """
-    cache = getattr(dispatcher, "_cache", None)  # there is none with NUMBA_DISABLE_JIT
     implementation = getattr(cache, "_impl", None)
     if implementation is None:
         return
@@ -79,7 +102,20 @@ def _njit() -> Any:
     config: Any = numba.config
     if not config.CACHE_DIR:  # the command line sets it; a program that imports us does not
         config.CACHE_DIR = str(kernel_folder())
+    _check_cache_folder(Path(config.CACHE_DIR))
     return numba.njit
+
+
+def _check_cache_folder(folder: Path) -> None:
+    """Raise UserFacingError if kernels cannot be written there."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        TemporaryFile(dir=folder).close()
+    except OSError as error:
+        raise UserFacingError(
+            f"{folder}: the compiled kernels cannot be written: {error.strerror}; set "
+            "NUMBA_CACHE_DIR to another folder"
+        ) from error
 
 
 @contextmanager

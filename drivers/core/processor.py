@@ -11,7 +11,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-# Beside kernels that were compiled for a kind of processors: its name.
+from drivers.core.files import atomic_write
+from drivers.core.write_errors import writing
+
+# Beside kernels that were compiled for kinds of processors: their names, one in each line.
 PROCESSOR_FILE = "processor"
 # Names of the System V ABI for x86-64, and the flags in /proc/cpuinfo that each adds.
 X86_64_LEVELS = {
@@ -25,15 +28,32 @@ _CPU_INFO = Path("/proc/cpuinfo")
 
 
 def use_carried_kernels(folder: Path) -> None:
-    """Let Numba use the kernels of a folder if they are for a kind of processors as this one.
+    """Let Numba use the best kernels of a folder that are for a kind of processors as this one.
 
     Variables that the user has set have precedence.
     """
-    file = folder / PROCESSOR_FILE
-    if "NUMBA_CPU_NAME" not in os.environ and file.is_file():
-        name = file.read_text().strip()
-        if can_run(name):
+    if "NUMBA_CPU_NAME" not in os.environ:
+        names = sorted(_carried_kinds(folder), key=_level)
+        name = next(filter(can_run, reversed(names)), None)
+        if name is not None:
             compile_for(name)
+
+
+def add_carried_kernels(folder: Path, name: str) -> None:
+    """Note that a folder has all kernels for a kind of processors. Raises WriteError."""
+    names = [*(each for each in _carried_kinds(folder) if each != name), name]
+    with writing(folder):
+        atomic_write(folder / PROCESSOR_FILE, "".join(f"{each}\n" for each in names).encode())
+
+
+def _carried_kinds(folder: Path) -> list[str]:
+    file = folder / PROCESSOR_FILE
+    return file.read_text().split() if file.is_file() else []
+
+
+def _level(name: str) -> int:
+    """A name of one processor is better than each level."""
+    return list(X86_64_LEVELS).index(name) if name in X86_64_LEVELS else len(X86_64_LEVELS)
 
 
 def compile_for(name: str) -> None:
@@ -57,16 +77,19 @@ def can_run(name: str) -> bool:
 
 
 def is_known(name: str) -> bool:
-    """Whether the compiler (LLVM) knows a kind of processors of this architecture.
+    """Whether the compiler (LLVM) compiles for a kind of processors of this architecture.
 
-    It only warns of an unknown one, in a line on standard error.
+    It only warns of an unknown one, in a line on standard error, and ends the process for one with
+    another size of addresses.
     """
     code = (
         "import sys; from llvmlite import binding; binding.initialize_native_target(); "
-        "binding.Target.from_default_triple().create_target_machine(cpu=sys.argv[1], features='')"
+        "binding.initialize_native_asmprinter(); target = binding.Target.from_default_triple(); "
+        "machine = target.create_target_machine(cpu=sys.argv[1], features=''); "
+        "machine.emit_object(binding.parse_assembly('define void @f() { ret void }'))"
     )
-    done = subprocess.run([sys.executable, "-c", code, name], stderr=subprocess.PIPE, check=True)
-    return b"not a recognized processor" not in done.stderr
+    done = subprocess.run([sys.executable, "-c", code, name], capture_output=True)
+    return bool(name) and done.returncode == 0 and not done.stderr
 
 
 def processor_identity() -> str:

@@ -2,17 +2,21 @@
 
 import os
 import platform
+import threading
 import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from drivers.core import InputError
 from drivers.core.folders import kernel_folder, prebuilt_kernels
-from drivers.core.processor import PROCESSOR_FILE, compile_for, is_known
+from drivers.core.processor import add_carried_kernels, compile_for, is_known
 from drivers.core.write_errors import creating
-from vo_service.cli.kernels import compile_kernels, first_parts
+from vo_service.cli.kernels import compile_kernels, first_parts, run_warm_up
 from vo_service.cli.options import ConfigFile, Method, Timing, load_config
 from vo_service.cli.request import CommandRequest, flag, option
 from vo_service.config import Config
+from vo_service.kernels.loading import load_kernels
 from vo_service.signals import stop_on_signals
 from vo_service.terminal import Terminal
 
@@ -27,9 +31,9 @@ The kernels are cached in $CACHE_DIRECTORY (systemd), else in $XDG_CACHE_HOME/ki
 copied from there.
 
 With --for they are compiled for a kind of processors instead of this one, into the environment
-(share/kinect-vo/kernels). There they are used by a computer of that kind, and ignored by others,
-which compile their own. NAME is x86-64-v2, -v3 or -v4, or LLVM's name of a processor of this
-architecture, as cortex-a72 (Raspberry Pi 4).
+(share/kinect-vo/kernels), beside those of other kinds. There they are used by a computer of that
+kind, and ignored by others, which compile their own. NAME is x86-64-v2, -v3 or -v4, or LLVM's name
+of a processor of this architecture, as cortex-a72 (Raspberry Pi 4).
 """
 
 
@@ -59,7 +63,12 @@ def run(request: WarmUpRequest) -> int:
     begin_s = time.monotonic()
     with stop_on_signals() as stop:
         parts = first_parts(config, config.camera.source) if request.first else _used_parts(config)
-        compile_kernels(parts, Terminal(), stop)
+        terminal = Terminal()
+        compile_kernels(parts, terminal, stop)
+        if not request.first and request.for_ is None:
+            run_warm_up(partial(_load_kernels, parts, stop.event), terminal, stop)
+    if request.for_ is not None:
+        add_carried_kernels(prebuilt_kernels(), request.for_)
     maps = " and of maps" if "loop closure" in parts else ""
     taken_s = time.monotonic() - begin_s
     print(f"the kernels of {config.odometry.method}{maps} are ready ({taken_s:.1f} s)")
@@ -76,10 +85,18 @@ def _use_environment(processor: str) -> None:
     folder = prebuilt_kernels()
     with creating(folder):
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / PROCESSOR_FILE).write_text(f"{processor}\n")
     compile_for(processor)
     os.environ["CACHE_DIRECTORY"] = str(folder.parent)
     os.environ["NUMBA_CACHE_DIR"] = str(kernel_folder())
+
+
+def _load_kernels(
+    parts: Sequence[str], stop: threading.Event, report: Callable[[str], None]
+) -> None:
+    """Load the kernels of parts, so that one with a damaged file is compiled anew."""
+    for part in parts:
+        report(part)
+        load_kernels(part, stop)
 
 
 def _used_parts(config: Config) -> list[str]:

@@ -38,6 +38,7 @@ def ensure_compiled(parts: Sequence[str], report: Callable[[str], None]) -> None
     }
     if signatures:
         _compile(list(signatures.values()), report)
+        os.sync()  # before the marks: a power cut must not leave marks of empty files
     for part in missing:
         with suppress(OSError):  # without the mark, it is looked after again next time
             _mark(part).touch()

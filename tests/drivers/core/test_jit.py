@@ -70,6 +70,27 @@ def test_a_user_program_shares_the_kernel_cache_of_the_command_line(tmp_path: Pa
     assert list((tmp_path / "cache" / "kernels").rglob("program.double*.nbi"))
 
 
+@pytest.mark.subprocess
+@pytest.mark.parametrize("suffix", ["nbc", "nbi"])
+@pytest.mark.parametrize("damaged", [b"", bytes(2000)])
+def test_a_kernel_with_a_damaged_file_is_compiled_anew(
+    tmp_path: Path, suffix: str, damaged: bytes
+) -> None:
+    (tmp_path / "program.py").write_text(PROGRAM)
+    environment = os.environ | {
+        "NUMBA_CACHE_DIR": str(tmp_path / "kernels"),
+        "PYTHONPATH": str(ROOT),
+    }
+    command = [sys.executable, str(tmp_path / "program.py")]
+    subprocess.run(command, env=environment, check=True)
+    (file,) = (tmp_path / "kernels").rglob(f"program.double*.{suffix}")
+    file.write_bytes(damaged)
+    for warnings in (1, 0):
+        done = subprocess.run(command, env=environment, capture_output=True, text=True)
+        assert done.stdout == "6\n"
+        assert done.stderr.count("a damaged kernel is compiled anew") == warnings
+
+
 CALLER = """
 from program import double, kernel
 

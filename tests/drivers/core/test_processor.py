@@ -8,7 +8,13 @@ import pytest
 
 from drivers.core import processor
 from drivers.core.folders import kernel_folder
-from drivers.core.processor import X86_64_LEVELS, can_run, is_known, use_carried_kernels
+from drivers.core.processor import (
+    X86_64_LEVELS,
+    add_carried_kernels,
+    can_run,
+    is_known,
+    use_carried_kernels,
+)
 
 V2, V3 = (" ".join(list(X86_64_LEVELS.values())[:count]) for count in (1, 2))
 
@@ -41,7 +47,12 @@ def test_a_processor_runs_what_is_compiled_for_its_own_name_only() -> None:
 
 def test_the_compiler_knows_its_processors() -> None:
     known = "x86-64-v3" if platform.machine() == "x86_64" else "cortex-a72"
-    assert (is_known(known), is_known("pentium-9")) == (True, False)
+    assert is_known(known)
+
+
+@pytest.mark.parametrize("name", ["", "help", "pentium-9", "i686"])
+def test_a_processor_that_the_compiler_cannot_compile_for_is_not_known(name: str) -> None:
+    assert not is_known(name)
 
 
 @pytest.mark.parametrize(("flags", "used"), [(V2, False), (V3, True)])
@@ -54,6 +65,18 @@ def test_carried_kernels_are_used_where_they_fit(
     use_carried_kernels(tmp_path)
     assert (os.environ.get("NUMBA_CPU_NAME") == "x86-64-v3") is used
     assert (kernel_folder() != before) is used
+
+
+@pytest.mark.parametrize("order", [("x86-64-v2", "x86-64-v3"), ("x86-64-v3", "x86-64-v2")])
+@pytest.mark.parametrize(("flags", "used"), [(V2, "x86-64-v2"), (V3, "x86-64-v3")])
+def test_of_several_kinds_the_best_is_used(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, order: tuple[str, str], flags: str, used: str
+) -> None:
+    computer(monkeypatch, tmp_path, flags)
+    for name in order:
+        add_carried_kernels(tmp_path, name)
+    use_carried_kernels(tmp_path)
+    assert os.environ["NUMBA_CPU_NAME"] == used
 
 
 def test_the_users_variable_has_precedence(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -112,9 +112,13 @@ def test_warm_up_for_a_processor_compiles_into_the_environment(
         monkeypatch.setenv(name, "")  # and restored afterwards
     monkeypatch.setattr("sys.prefix", str(tmp_path))
     monkeypatch.setattr(warm_up, "is_known", lambda _name: True)
-    monkeypatch.setattr(warm_up, "compile_kernels", lambda *_: None)
-    assert run_in_process(capfd, "warm-up", "--for", "cortex-a72").code == 0
     folder = tmp_path / "share" / "kinect-vo" / "kernels"
+    noted_before = []
+    monkeypatch.setattr(
+        warm_up, "compile_kernels", lambda *_: noted_before.append((folder / "processor").exists())
+    )
+    assert run_in_process(capfd, "warm-up", "--for", "cortex-a72").code == 0
+    assert noted_before == [False]
     assert (folder / "processor").read_text() == "cortex-a72\n"
     assert Path(os.environ["NUMBA_CACHE_DIR"]).parent == folder
     assert (os.environ["NUMBA_CPU_NAME"], os.environ["NUMBA_CPU_FEATURES"]) == ("cortex-a72", "")

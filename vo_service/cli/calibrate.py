@@ -49,7 +49,9 @@ nothing else. --save-learned writes the same values as a live service has learne
 multiplies fx and fy by the factor that it has learned; no camera is needed.
 
 The camera file is written to --output, else to camera.file of the configuration, else to
-./camera.toml. An existing file is kept as camera.toml.bak.
+./camera.toml. --timing and --save-learned change the file of --output, else of --camera-file, else
+of the configuration, else that of the recording. An existing file is kept as camera.toml.bak, or as
+camera.toml.bak2 and so on beside earlier ones.
 """
 DEFAULT_OUTPUT = Path("camera.toml")
 _log = logging.getLogger(__name__)

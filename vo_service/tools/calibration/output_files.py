@@ -1,5 +1,6 @@
 """Output files, written atomically, with a backup of an existing one."""
 
+from itertools import count
 from pathlib import Path
 
 from drivers.calibration import CameraCalibration, format_calibration
@@ -27,7 +28,7 @@ def save_camera_file(path: Path, camera: CameraCalibration, heading: str) -> Pat
 
 
 def save_with_backup(path: Path, data: bytes) -> Path | None:
-    """Write a file and keep an existing one as a backup.
+    """Write a file and keep an existing one as a backup, beside earlier ones.
 
     Returns:
         The path of the backup; None without an existing file.
@@ -38,7 +39,13 @@ def save_with_backup(path: Path, data: bytes) -> Path | None:
     path = path.resolve()
     backup = None
     if path.exists():
-        backup = path.with_name(f"{path.name}.bak")
+        backup = _unused_backup(path)
         atomic_write(backup, read_input(path))
     atomic_write(path, data)
     return backup
+
+
+def _unused_backup(path: Path) -> Path:
+    """Return FILE.bak, or FILE.bak2 and so on if there are backups already."""
+    names = (f"{path.name}.bak{'' if number == 1 else number}" for number in count(1))
+    return next(backup for name in names if not (backup := path.with_name(name)).exists())

@@ -8,6 +8,7 @@ import numpy as np
 from drivers.core import InputError
 from drivers.core.files import atomic_write
 from drivers.core.geometry import quaternion_from_rotation, so3_exp
+from drivers.core.write_errors import create_output_folder
 from drivers.playback.camera import RecordingCamera
 from vo_service.app import run_replay
 from vo_service.cli.kernels import prepare_kernels
@@ -19,6 +20,8 @@ from vo_service.cli.options import (
     Timing,
     Topics,
     load_config,
+    parse_height_m,
+    parse_tilt_deg,
 )
 from vo_service.cli.recordings import open_requested
 from vo_service.cli.request import CommandRequest, argument, option
@@ -44,8 +47,10 @@ examples:
 
 OUTPUT receives map.pgm and map.yaml, which map_server of Nav2 loads, and map.png to look at. Black
 is occupied, white free, gray unknown. Heights and cells are those of the tables [scan] and [map];
-the camera's place is that of [T_base_camera], or of the two options for a camera in a hand.
+the camera's place is that of [T_base_camera], or of the two options for a camera in a hand. A map
+that is there already is never replaced. Ctrl-C ends with the map of the frames so far.
 """
+FILES = ("map.pgm", "map.yaml", "map.png")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,10 +65,10 @@ class GridRequest(CommandRequest):
     timing: Timing = None
     camera_file: CameraFile = None
     camera_height: float | None = option(
-        "height of the camera above the floor at the first frame, m", None, "M", float
+        "height of the camera above the floor at the first frame, m", None, "M", parse_height_m
     )
     camera_tilt: float | None = option(
-        "how far it looks down at the first frame, degrees", None, "DEG", float
+        "how far it looks down at the first frame, degrees", None, "DEG", parse_tilt_deg
     )
 
 
@@ -78,6 +83,7 @@ def run(request: GridRequest) -> int:
     if problem := mounting_problem(config.scan, T_base_camera):
         raise InputError(f"{problem}; or give --camera-height and --camera-tilt")
     open_requested(request.folder, config.camera.file, request.topics)
+    _create_output(request.output)
     terminal = Terminal()
     mapper = GridMapper(config.scan, T_base_camera, config.map.resolution_m, config.map.range_max_m)
     recorder = GridRecorder(mapper)
@@ -91,17 +97,26 @@ def run(request: GridRequest) -> int:
     grid = recorder.render()
     if grid is NO_GRID:
         raise InputError(f"{request.folder}: no floor and no obstacle was seen")
-    request.output.mkdir(parents=True, exist_ok=True)
-    atomic_write(request.output / "map.pgm", encode_grid_image(grid))
-    atomic_write(request.output / "map.yaml", encode_grid_settings(grid, "map.pgm"))
-    atomic_write(request.output / "map.png", encode_grid_picture(grid))
+    image, settings, picture = FILES
+    atomic_write(request.output / image, encode_grid_image(grid))
+    atomic_write(request.output / settings, encode_grid_settings(grid, image))
+    atomic_write(request.output / picture, encode_grid_picture(grid))
     height, width = np.array(grid.cells.shape) * grid.resolution_m
     areas_m2 = [np.count_nonzero(grid.cells == v) * grid.resolution_m**2 for v in (FREE, OCCUPIED)]
     print(
         f"{request.output}: {width:g} x {height:g} m of {recorder.frame_count} frames, "
         f"{areas_m2[0]:.1f} m2 free, {areas_m2[1]:.1f} m2 occupied"
+        f"{' (cut short)' if result.exit_code else ''}"
     )
     return result.exit_code
+
+
+def _create_output(folder: Path) -> None:
+    """Create the folder before the work. Raises UserFacingError if it cannot take a new map."""
+    create_output_folder(folder)
+    for name in FILES:
+        if (folder / name).exists():
+            raise InputError(f"{folder / name}: exists already; name a new folder")
 
 
 def _with_mounting(config: Config, request: GridRequest) -> Config:

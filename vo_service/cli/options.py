@@ -57,6 +57,22 @@ def parse_length_m(text: str) -> float:
     return value
 
 
+def parse_height_m(text: str) -> float:
+    """Parse a height of up to 100 m above the floor; raise ArgumentTypeError if it is none."""
+    value = _parse_number(text)
+    if not 0.0 < value <= 100.0:
+        raise argparse.ArgumentTypeError(f"{text} is not a height: give meters, more than 0")
+    return value
+
+
+def parse_tilt_deg(text: str) -> float:
+    """Parse an angle from -90 to 90 degrees; raise ArgumentTypeError if it is none."""
+    value = _parse_number(text)
+    if not abs(value) <= 90.0:
+        raise argparse.ArgumentTypeError(f"{text} is not a tilt: give degrees from -90 to 90")
+    return value
+
+
 def _parse_number(text: str) -> float:
     try:
         return float(text)

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from drivers.core import InputError
+from tests.vo_service.cli.cli_runner import run_in_process
 from tests.vo_service.navigation.views import mounted
-from vo_service.cli.grid import GridRequest, _with_mounting, run
+from vo_service.cli.grid import FILES, GridRequest, _with_mounting, run
 from vo_service.config import Config
 
 
@@ -29,3 +30,24 @@ def test_a_mounting_that_cannot_work_is_refused(
     with pytest.raises(InputError, match="--camera-height and --camera-tilt"):
         run(request)
     assert not (tmp_path / "map").exists()
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_map_that_is_there_is_not_replaced(tmp_path: Path, recording: Path, name: str) -> None:
+    (tmp_path / name).write_text("precious")
+    request = GridRequest(folder=recording, output=tmp_path, camera_height=1.0, camera_tilt=20.0)
+    with pytest.raises(InputError, match=f"{name}: exists already"):
+        run(request)
+    assert (tmp_path / name).read_text() == "precious"
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [("--camera-height", "nan"), ("--camera-tilt", "nan"), ("--camera-tilt", "95")],
+)
+def test_a_place_that_no_camera_has_is_refused(
+    capfd: pytest.CaptureFixture[str], option: str, value: str
+) -> None:
+    outcome = run_in_process(capfd, "grid", "recording", "map", option, value)
+    assert outcome.code == 2
+    assert f"argument {option}: {value} is not a" in outcome.error_lines

@@ -130,7 +130,7 @@ class SyntheticCamera(RgbdCamera):
     @property
     def status(self) -> CameraStatus:
         if self._is_open and not self._has_started:
-            return CameraStatus(CameraState.OPENING, "preparing its room")
+            return CameraStatus(CameraState.STARTING, "preparing its room")
         return CameraStatus(CameraState.STREAMING)
 
     @property

@@ -125,7 +125,7 @@ class DrivenCamera(RgbdCamera):
     @property
     def status(self) -> CameraStatus:
         if self._is_open and self._pacer.start_s == math.inf:
-            return CameraStatus(CameraState.OPENING, "preparing its room")
+            return CameraStatus(CameraState.STARTING, "preparing its room")
         return CameraStatus(CameraState.STREAMING)
 
     @property

@@ -119,7 +119,7 @@ def test_after_it_is_opened_again_it_drives_on() -> None:
 
 def test_until_its_room_is_painted_no_frame_comes() -> None:
     with open_driven() as camera:
-        assert camera.status.no_frame_reason == "opening: preparing its room"
+        assert camera.status.no_frame_reason == "starting: preparing its room"
         with pytest.raises(FrameTimeout):
             camera.read(0.0)
 

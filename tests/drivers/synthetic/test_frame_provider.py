@@ -62,7 +62,7 @@ def test_the_camera_is_opening_until_the_room_is_painted(
     with SyntheticCamera(faulty, tmp_path, PlaybackMode.REALTIME) as camera:
         with pytest.raises(FrameTimeout):
             camera.read(0.0)
-        assert str(camera.status) == "opening: preparing its room"
+        assert str(camera.status) == "starting: preparing its room"
         assert camera.read(START_S).seq == 0
         assert camera.status.state is CameraState.STREAMING
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from drivers.camera import (
     CameraCounters,
+    CameraState,
     EndOfStream,
     FrameTimeout,
     RgbdCamera,
@@ -147,7 +148,7 @@ def _read_frames(camera: RgbdCamera, seconds: float) -> Iterator[RgbdFrame]:
 
 
 class _FrameTimeout:
-    """Timeout for the next frame, shorter once the camera reports a reason."""
+    """Timeout for the next frame, shorter once the camera reports a fault."""
 
     def __init__(self, camera: RgbdCamera) -> None:
         self._camera = camera
@@ -165,7 +166,8 @@ class _FrameTimeout:
     def check(self) -> None:
         """Raise _StreamStoppedError if the time is up."""
         status = self._camera.status
-        reason = status.reason
+        # A camera that starts is well, and its reason is what it does.
+        reason = "" if status.state is CameraState.STARTING else status.reason
         if reason and not self._reason:
             # The first reason is the cause; later ones are its consequences.
             self._reason = reason

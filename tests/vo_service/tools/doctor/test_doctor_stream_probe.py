@@ -28,9 +28,14 @@ class SampledCamera(RgbdCamera):
     name = "scripted"
     clock = Clock.MONOTONIC
 
-    def __init__(self, *script: RgbdFrame | Exception, reason: str = "") -> None:
+    def __init__(
+        self,
+        *script: RgbdFrame | Exception,
+        reason: str = "",
+        state: CameraState = CameraState.OPENING,
+    ) -> None:
         self._script: Iterator[RgbdFrame | Exception] = iter(script)
-        self._reason = reason
+        self._status = CameraStatus(state, reason)
         self.is_open = False
 
     def open(self) -> None:
@@ -52,7 +57,7 @@ class SampledCamera(RgbdCamera):
 
     @property
     def status(self) -> CameraStatus:
-        return CameraStatus(CameraState.OPENING, self._reason)
+        return self._status
 
 
 class UnopenableCamera(SampledCamera):
@@ -94,6 +99,17 @@ def test_reading_ends_when_the_time_is_up(frame: RgbdFrame) -> None:
     sample = probe_stream(
         SampledCamera(*[frame] * 3, FrameTimeout(), *[frame] * 1000), 1e-9, lambda _: None
     )
+    assert (len(sample.samples), sample.error) == (1, "")
+
+
+def test_a_camera_that_prepares_has_the_time_to_start(
+    frame: RgbdFrame, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(stream_probe, "MAX_START_S", 100.0)
+    monkeypatch.setattr(stream_probe, "RECOVERY_TIMEOUT_S", -1.0)
+    script = FrameTimeout(), FrameTimeout(), frame, EndOfStream()
+    camera = SampledCamera(*script, reason="preparing its room", state=CameraState.STARTING)
+    sample = probe_stream(camera, 5.0, lambda _: None)
     assert (len(sample.samples), sample.error) == (1, "")
 
 

@@ -1,7 +1,9 @@
 """Client of one service: its poses, its status, and commands to it."""
 
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from numbers import Real
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -264,6 +266,8 @@ class PoseClient(ServiceClient):
             InputError: A number is not finite, or the stamp is no Unix time.
             ServiceUnavailable: The client is closed.
         """
+        self._check_open()
+        _check_finite("the odometry of the wheels", (stamp_s, x_m, y_m, yaw_rad, *twist))
         reading = WheelReading(
             stamp_s,
             WHEEL_FRAME_IDS,
@@ -271,7 +275,6 @@ class PoseClient(ServiceClient):
             PlanarTwist(*twist),
             twist_variances,
         )
-        self._check_open()
         try:
             payload = encode_wheel_reading(reading)
         except ValueError as error:
@@ -293,10 +296,8 @@ class PoseClient(ServiceClient):
             ServiceUnavailable: The client is closed.
         """
         self._check_open()
-        try:
-            payload = encode_twist(np.array([forward_m_s, 0.0, 0.0, 0.0, 0.0, yaw_rad_s]))
-        except ValueError as error:
-            raise InputError(f"the velocity cannot be sent: {error}") from error
+        _check_finite("the velocity", (forward_m_s, yaw_rad_s))
+        payload = encode_twist(np.array([forward_m_s, 0.0, 0.0, 0.0, 0.0, yaw_rad_s]))
         self._put("cmd_vel", payload, TWIST_CDR)
 
     def _put(self, name: str, payload: bytes, encoding: zenoh.Encoding) -> None:
@@ -325,3 +326,10 @@ class PoseClient(ServiceClient):
     def _check_open(self) -> None:
         if self._state.is_closed:
             raise ServiceUnavailable(f"{self._prefix}: this client is closed; open another")
+
+
+def _check_finite(what: str, values: Iterable[object]) -> None:
+    """Raise InputError unless all values are finite numbers."""
+    for value in values:
+        if not (isinstance(value, Real) and math.isfinite(value)):
+            raise InputError(f"{what} cannot be sent: {value!r} is not a finite number")

@@ -1,7 +1,11 @@
 """What a base sends with the client is what the service reads."""
 
+import math
+from typing import Any
+
 import pytest
 
+from drivers.core import InputError
 from tests.vo_service.client.fake_service import find_free_endpoint, running_fake_service
 from tests.waiting import wait_until
 from vo_service import PoseClient
@@ -37,3 +41,15 @@ def test_the_service_reads_what_a_base_sends() -> None:
 def test_without_a_service_a_pose_is_lost() -> None:
     with PoseClient(connect=find_free_endpoint()) as client:
         client.send_wheel_odometry(STAMP_S, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("wrong", [math.nan, math.inf, "left"])
+@pytest.mark.parametrize("argument", range(4))
+def test_a_pose_that_is_no_number_is_not_sent(argument: int, wrong: Any) -> None:
+    arguments: Any = [STAMP_S, 0.0, 0.0, 0.0]
+    arguments[argument] = wrong
+    with (
+        PoseClient(connect=find_free_endpoint()) as client,
+        pytest.raises(InputError, match="is not a finite number"),
+    ):
+        client.send_wheel_odometry(*arguments)

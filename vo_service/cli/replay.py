@@ -41,6 +41,7 @@ from vo_service.cli.options import (
     parse_seconds,
 )
 from vo_service.cli.request import CommandRequest, flag, option
+from vo_service.config import Config
 from vo_service.frame_source import FrameSource
 from vo_service.outputs.progress import ProgressOutput
 from vo_service.outputs.trajectory.trajectory_file import TrajectoryRecorder
@@ -51,6 +52,7 @@ from vo_service.signals import stop_on_signals
 from vo_service.terminal import Terminal, announce_if_slow
 from vo_service.tools.evaluation.run_summary import RunSummary
 from vo_service.types.outputs import NullLoopClosure, Output
+from vo_service.wheel_odometry.wheel_odometry import WheelOdometrySource
 
 EPILOG = """\
 examples:
@@ -138,23 +140,7 @@ def run(request: ReplayRequest) -> int:
             closes_loops = request.loop_closure or request.optimized_trajectory is not None
             loop_closure = make_loop_closure(config, terminal, stop) if closes_loops else None
         wheel_odometry = make_wheel_odometry(config, camera)
-        outputs_config = OutputsConfig(
-            playback_mode=request.pace,
-            zenoh=None if request.no_publish else config.zenoh,
-            extra_endpoints=ExtraEndpoints(frame_ids=config.ros2),
-            frames=partial(open_frames, config),
-            T_base_camera=config.T_base_camera.T_base_camera,
-            # An expected subscriber connects to the configured port.
-            connect_policy=ConnectOnce if request.wait_for_subscriber else ConnectOnFreePort,
-            wait_for_subscriber_s=request.wait_for_subscriber,
-            rerun=config.rerun,
-            extra=config.outputs.extra,
-            mcap=request.mcap,
-            trajectory=request.trajectory,
-            ground_truth=lambda: camera.ground_truth,
-            wheel_messages=wheel_odometry.open_journal().take,
-            log_line=terminal.write_line,
-        )
+        outputs_config = _make_outputs_config(request, config, camera, wheel_odometry, terminal)
         progress = ProgressOutput(terminal, "replay", camera.frame_count)
         own: list[Output] = [recorder, *([loop_closure] if loop_closure else []), progress]
         with open_outputs(outputs_config) as opened, stop_on_signals() as stop:
@@ -186,6 +172,33 @@ def run(request: ReplayRequest) -> int:
     print(json.dumps(summary.as_json()) if request.json else summary.as_table())
     result.check_has_motion(str(request.folder))
     return result.exit_code
+
+
+def _make_outputs_config(
+    request: ReplayRequest,
+    config: Config,
+    camera: RecordingCamera,
+    wheel_odometry: WheelOdometrySource,
+    terminal: Terminal,
+) -> OutputsConfig:
+    """Return what becomes of the results."""
+    return OutputsConfig(
+        playback_mode=request.pace,
+        zenoh=None if request.no_publish else config.zenoh,
+        extra_endpoints=ExtraEndpoints(frame_ids=config.ros2),
+        frames=partial(open_frames, config),
+        T_base_camera=config.T_base_camera.T_base_camera,
+        # An expected subscriber connects to the configured port.
+        connect_policy=ConnectOnce if request.wait_for_subscriber else ConnectOnFreePort,
+        wait_for_subscriber_s=request.wait_for_subscriber,
+        rerun=config.rerun,
+        extra=config.outputs.extra,
+        mcap=request.mcap,
+        trajectory=request.trajectory,
+        ground_truth=lambda: camera.ground_truth,
+        wheel_messages=wheel_odometry.open_journal().take,
+        log_line=terminal.write_line,
+    )
 
 
 def _check_not_overwriting_recording(request: ReplayRequest) -> None:

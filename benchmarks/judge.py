@@ -259,6 +259,7 @@ def make_cases(
     seeds: str,
     methods: Sequence[str],
     processes: int,
+    only: Sequence[str] = (),
 ) -> list[Case]:
     """Make the cases of some parts; virtual sensors and scenes are rendered if they are missing.
 
@@ -269,19 +270,23 @@ def make_cases(
         seeds: Key of `SEEDS`.
         methods: The judged method, then those to compare it with.
         processes: Rendering processes.
+        only: Recordings, sensors and scenes; all if empty.
 
     Raises:
         InputError: There are no recordings.
     """
-    cases = []
+    cases: list[Case] = []
     if "recordings" in parts:
         for folder in find_recordings(recordings):
-            cases += recording_cases(folder, methods)
+            if not only or folder.name in only:
+                cases += recording_cases(folder, methods)
     if "sensors" in parts:
-        sensors = render_all(kept / "sensors", make_sensors(SEEDS[seeds]), processes)
-        cases += sensor_cases(sensors, methods)
+        drawn = make_sensors(SEEDS[seeds]).items()
+        chosen = {name: sensor for name, sensor in drawn if not only or name in only}
+        cases += sensor_cases(render_all(kept / "sensors", chosen, processes), methods)
     if "scenes" in parts:
-        configs = {name: read_scene(name) for name in SCENES if name != SLOW}
+        names = [name for name in SCENES if name != SLOW and (not only or name in only)]
+        configs = {name: read_scene(name) for name in names}
         scenes = render_all(kept, configs, processes)
         cases += [Case(name, path, methods[0], scene=name) for name, path in scenes.items()]
     return cases

@@ -351,12 +351,16 @@ def judge(args: argparse.Namespace) -> None:
     """
     reference = judge_cases.read_reference(args.reference) if args.reference else {}
     cases = judge_cases.make_cases(
-        args.kept, args.recordings, args.parts, args.seeds, args.methods, args.processes
+        args.kept,
+        args.recordings,
+        args.parts,
+        args.seeds,
+        args.methods,
+        args.processes,
+        args.only or (),
     )
-    chosen = [case for case in cases if not args.only or case.folder.name in args.only]
-    cache = ResultCache(args.kept)
-    results = judge_cases.run_cases(chosen, cache, args.processes)
-    print(judge_cases.format_judgement(chosen, results, args.methods[0], reference))
+    results = judge_cases.run_cases(cases, ResultCache(args.kept), args.processes)
+    print(judge_cases.format_judgement(cases, results, args.methods[0], reference))
 
 
 @option("kept", metavar="KEPT", type=Path, help="folder of rendered and results")

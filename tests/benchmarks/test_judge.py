@@ -1,10 +1,12 @@
 """The judge of the odometry: its cases, its figures, and its table."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from benchmarks import judge
 from benchmarks.harness import Json, ResultCache
 from benchmarks.judge import (
     PERTURBATIONS,
@@ -12,6 +14,7 @@ from benchmarks.judge import (
     Case,
     find_recordings,
     format_judgement,
+    make_cases,
     read_reference,
     recording_cases,
     run_cases,
@@ -125,3 +128,17 @@ def test_a_folder_without_recordings_and_a_broken_reference_are_one_line(tmp_pat
     broken.write_text("[")
     with pytest.raises(InputError, match=r"results\.json: cannot read it"):
         read_reference(broken)
+
+
+def test_only_what_is_named_is_rendered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rendered: list[str] = []
+
+    def render_all(_kept: Path, scenes: Mapping[str, object], _processes: int) -> dict[str, Path]:
+        rendered.extend(scenes)
+        return {name: tmp_path / name for name in scenes}
+
+    monkeypatch.setattr(judge, "render_all", render_all)
+    monkeypatch.setattr(judge, "sensor_cases", lambda sensors, _methods: list(sensors))
+    only = ["stereo-1", "wall"]
+    make_cases(tmp_path, tmp_path, ["sensors", "scenes"], "tuning", ["direct"], 1, only)
+    assert rendered == only

@@ -131,6 +131,15 @@ def disable_loop_closure(folder: Path) -> Iterator[InterferenceSetup]:
     yield InterferenceSetup(f"{_viewers(folder)}[map]\nloop_closure = false\n")
 
 
+@contextmanager
+def read_all_outputs(folder: Path) -> Iterator[InterferenceSetup]:
+    """Another process reads the raw images, the scan and the map."""
+    mount = f"[T_base_camera]\ntranslation_m = [0.0, 0.0, {ROBOT_CAMERA_HEIGHT_M}]\n"
+    config = f"{_viewers(folder)}{mount}[scan]\nenabled = true\n"
+    keys = "kinect/color/image", "kinect/depth/image", "kinect/scan", "kinect/map"
+    yield InterferenceSetup(config, keys=keys)
+
+
 # A case prepares the environment of the service, with a folder for its files.
 InterferenceCase = Callable[[Path], AbstractContextManager[InterferenceSetup]]
 CASES: Mapping[str, InterferenceCase] = {
@@ -144,6 +153,7 @@ CASES: Mapping[str, InterferenceCase] = {
     "router killed and back": restart_router,
     "maps saved": save_maps,
     "no loop closure": disable_loop_closure,
+    "all outputs read": read_all_outputs,
 }
 
 

@@ -298,6 +298,11 @@ class CameraStatus:
         return f"{self.state}: {self.reason}" if self.reason else str(self.state)
 
     @property
+    def is_preparing(self) -> bool:
+        """Whether the camera is well, and the reason is the work before its first frame."""
+        return self.state is CameraState.STARTING and self.reason != ""
+
+    @property
     def no_frame_reason(self) -> str:
         """Why no frame arrives, when none has arrived for some time; never empty."""
         if self.state is CameraState.STREAMING:

@@ -40,7 +40,7 @@ def use_carried_kernels(folder: Path) -> None:
 
 
 def add_carried_kernels(folder: Path, name: str) -> None:
-    """Note that a folder has all kernels for a kind of processors. Raises WriteError."""
+    """Note that a folder has kernels for a kind of processors. Raises WriteError."""
     names = [*(each for each in _carried_kinds(folder) if each != name), name]
     with writing(folder):
         atomic_write(folder / PROCESSOR_FILE, "".join(f"{each}\n" for each in names).encode())

@@ -236,7 +236,7 @@ def _read_next_frame(
                 return camera.read(POLL_PERIOD_S)
             status = camera.status
             busy.set_detail(str(status))
-            is_opening = status.state is CameraState.OPENING
+            is_opening = status.state is CameraState.OPENING or status.is_preparing
             timeout_s = OPEN_TIMEOUT_S if is_opening else FRAME_TIMEOUT_S
             if time.monotonic() - begin_s > timeout_s:
                 raise _timeout_error(camera, is_first, timeout_s)

@@ -56,7 +56,7 @@ def test_the_frames_are_those_of_the_renderer_and_no_process_is_left(
         assert pixels(read_frames(again)) == pixels(rendered)
 
 
-def test_the_camera_is_opening_until_the_room_is_painted(
+def test_the_camera_is_starting_until_the_room_is_painted(
     faulty: SyntheticConfig, tmp_path: Path
 ) -> None:
     with SyntheticCamera(faulty, tmp_path, PlaybackMode.REALTIME) as camera:

@@ -127,6 +127,16 @@ def test_a_missing_camera_is_an_error_after_a_timeout_without_a_folder(
     assert not (tmp_path / "new").exists()
 
 
+def test_a_camera_that_prepares_its_frames_is_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    preparing = CameraStatus(CameraState.STARTING, "preparing its room")
+    pauses = [Delay(50.0, FrameTimeout()), Delay(50.0, FrameTimeout())]
+    have_camera(monkeypatch, preparing, *pauses, make_frame(1))
+    outcome = run_in_process(capfd, "record", tmp_path / "new")
+    assert (outcome.code, outcome.out) == (0, f"1 frames in {tmp_path / 'new'}\n")
+
+
 def test_a_stop_before_the_first_frame_creates_no_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -24,6 +24,6 @@ def test_progress_shows_the_reason_for_a_missing_camera() -> None:
     screen = CapturedTerminal()
     progress = ProgressOutput(Terminal(screen), "demo", 40)
     progress.on_status(make_status())
-    opening = "opening: preparing its room"
+    opening = "starting: preparing its room"
     progress.on_status(make_status(state=TrackingState.NO_CAMERA, reason=opening))
-    assert screen.drawn[-1] == "demo: opening: preparing its room"
+    assert screen.drawn[-1] == "demo: starting: preparing its room"

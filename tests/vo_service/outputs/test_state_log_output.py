@@ -43,14 +43,14 @@ def test_a_camera_that_opens_slowly_is_logged_once_and_then_with_the_time(
     clock = FakeClock()
     monkeypatch.setattr(state_log, "time", clock)
     output = StateLogOutput()
-    opening = replace(status, state=NO_CAMERA, reason="opening: preparing its room")
+    opening = replace(status, state=NO_CAMERA, reason="starting: preparing its room")
     with caplog.at_level("INFO"):
         for _ in range(8):
             output.on_status(opening)
             clock.now_s += 0.5
         output.on_status(replace(status, state=TRACKING, reason=""))
     assert [(record.levelname, record.getMessage()) for record in caplog.records] == [
-        ("INFO", "no_camera: opening: preparing its room ..."),
+        ("INFO", "no_camera: starting: preparing its room ..."),
         ("INFO", "tracking (after 4.0 s without a camera)"),
     ]
 

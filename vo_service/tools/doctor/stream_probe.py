@@ -15,7 +15,6 @@ import numpy as np
 
 from drivers.camera import (
     CameraCounters,
-    CameraState,
     EndOfStream,
     FrameTimeout,
     RgbdCamera,
@@ -166,8 +165,7 @@ class _FrameTimeout:
     def check(self) -> None:
         """Raise _StreamStoppedError if the time is up."""
         status = self._camera.status
-        # A camera that starts is well, and its reason is what it does.
-        reason = "" if status.state is CameraState.STARTING else status.reason
+        reason = "" if status.is_preparing else status.reason
         if reason and not self._reason:
             # The first reason is the cause; later ones are its consequences.
             self._reason = reason

@@ -1,11 +1,11 @@
 """The odometry's estimate of a frame."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.core.geometry import Array
+from drivers.core.geometry import Array, inverse
 
 
 def _empty_pixels() -> NDArray[np.float32]:
@@ -135,3 +135,12 @@ class Estimate:
     focal_length: OnlineFocalLength | None = None
     depth_noise_per_m: float | None = None
     debug: TrackingDebug = field(default_factory=TrackingDebug)
+
+    def with_pose(self, T_world_camera: Array) -> "Estimate":
+        """Return a copy with another pose 4x4 of the same frame."""
+        T_reference_world = self.T_reference_camera @ inverse(self.T_world_camera)
+        return replace(
+            self,
+            T_world_camera=T_world_camera,
+            T_reference_camera=T_reference_world @ T_world_camera,
+        )

@@ -119,6 +119,11 @@ class CalibrationFilter:
         self._view_error = INITIAL_VIEW_ERROR
 
     @property
+    def errors(self) -> Array:
+        """(3,) root mean square error of the calibration in use."""
+        return np.hypot(self.sigmas, self.estimate - self.in_use)
+
+    @property
     def is_focal_learned(self) -> bool:
         """Whether the focal length in use has been learned."""
         return bool(self.in_use[FOCAL] != self._unlearned[FOCAL])

@@ -5,7 +5,7 @@ scatter of the scores of the image's cells shows how much: the "sandwich" estima
 observations (Liang and Zeger, Biometrika 73, 1986). The weight of brightness follows from it too.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,7 @@ from vo_service.odometry.direct.image_pyramid import (
     LevelImages,
 )
 from vo_service.odometry.direct.motion import (
+    MOTION_SIZE,
     NUM_UNKNOWNS,
     se3_adjoint,
 )
@@ -66,6 +67,8 @@ from vo_service.odometry.uncertainty import (
     point_information,
 )
 
+AT_REST = np.zeros(MOTION_SIZE)
+
 
 @dataclass(frozen=True)
 class MotionUncertainty:
@@ -78,12 +81,15 @@ class MotionUncertainty:
         shared_error: Ratio by which errors that neighbors share enlarge the scatter of the
             brightness; 0 without brightness.
         is_one_plane: Whether the view shows one plane only, which leaves three directions weak.
+        timing_errors: (6, 2) error of the motion, in the covariance's terms, by an error of the
+            readout time and of the delay of depth, per second.
     """
 
     covariance: Array
     degeneracy: DegeneracyAnalysis
     shared_error: float = 0.0
     is_one_plane: bool = False
+    timing_errors: Array = field(default_factory=lambda: np.zeros((6, 2)))
 
     @property
     def observability(self) -> float:
@@ -100,8 +106,8 @@ class MotionUncertainty:
 
     @property
     def has_biased_error(self) -> bool:
-        """Whether a direction is constrained, but so little that its error has one sign."""
-        return not self.rejection_reason and self.observability < MIN_UNBIASED_OBSERVABILITY
+        """Whether a direction is constrained so little that its error has one sign."""
+        return self.observability < MIN_UNBIASED_OBSERVABILITY
 
     @property
     def rejection_reason(self) -> str:
@@ -118,6 +124,7 @@ def estimate_uncertainty(
     alignment: DirectAlignment,
     prior: MotionPrior,
     velocity_noise: Array,
+    keyframe_motion: Array = AT_REST,
 ) -> MotionUncertainty:
     """Estimate the uncertainty of an alignment.
 
@@ -127,21 +134,23 @@ def estimate_uncertainty(
         alignment: The alignment of the frame with the points.
         prior: The prior of its motion.
         velocity_noise: (2,) change of the velocity from frame to frame, m/s and rad/s.
+        keyframe_motion: (9,) of the camera that the keyframe was made with, in its own axes.
     """
-    covariance, information, moments, shared_error = _analyze_view(
+    covariance, timing_errors, information, moments, shared_error = _analyze_view(
         points[0],
         (alignment.samples, alignment.cell_weights, alignment.residual_model),
         images.levels[0],
         alignment.T_camera_keyframe,
         prior,
         velocity_noise,
+        alignment.motion + keyframe_motion,
     )
     noise = point_information(moments)
     degeneracy = analyze_degeneracy(information, noise)
     is_one_plane = bool(degeneracy.observability[2] < MIN_PLANE_OBSERVABILITY)
     if prior.floor_information.any():
         degeneracy = analyze_degeneracy(information + prior.floor_information, noise)
-    return MotionUncertainty(covariance, degeneracy, shared_error, is_one_plane)
+    return MotionUncertainty(covariance, degeneracy, shared_error, is_one_plane, timing_errors)
 
 
 @kernel
@@ -152,8 +161,9 @@ def _analyze_view(
     T_camera_keyframe: Array,
     prior: MotionPrior,
     velocity_noise: Array,
-) -> tuple[Array, Array, Array, float]:
-    """6x6 covariance in the camera's axes, 6x6 information of the pose, moments, shared error.
+    relative_motion: Array,
+) -> tuple[Array, Array, Array, Array, float]:
+    """Covariance and timing errors in the camera's axes, information, moments, shared error.
 
     In one kernel, as each call from Python takes time. See its parts for the arguments.
 
@@ -164,6 +174,12 @@ def _analyze_view(
         T_camera_keyframe: 4x4.
         prior: The prior of the motion.
         velocity_noise: (2,), see `estimate_uncertainty`.
+        relative_motion: (9,) of the keyframe's points in its axes: while the frame was taken,
+            without that while the keyframe was taken.
+
+    Returns:
+        6x6 and (6, 2), see `MotionUncertainty`; 6x6 information of the pose; (4, 4), see
+        `accumulate_scores`; see `MotionUncertainty`.
     """
     samples, cell_weights, residual_model = alignment
     readout_s, skew_s = images.readout_s, images.skew_s
@@ -180,10 +196,12 @@ def _analyze_view(
     in_keyframe = _covariance_in_keyframe(
         H, bands, depth_scores, prior, readout_s, skew_s, velocity_noise
     )
-    covariance = transform_covariance(se3_adjoint(T_camera_keyframe), in_keyframe)
+    Ad, information = se3_adjoint(T_camera_keyframe), H[:6, :6].copy()
+    timing_errors = multiply(Ad, _timing_errors(bands, information, relative_motion))
+    covariance = transform_covariance(Ad, in_keyframe)
     for k in range(6):
         covariance[k, k] += MIN_POSE_SIGMAS[k // 3] ** 2
-    return covariance, H[:6, :6].copy(), moments, shared_error
+    return covariance, timing_errors, information, moments, shared_error
 
 
 @kernel
@@ -271,6 +289,24 @@ def _velocity_noise_scatter(bands: Array, span_s: float, velocity_noise: Array) 
                 row[i] = np.sqrt(2.0) * sigma * bands[n, UPPER_TRIANGLE[i, j]]
             add_outer_product(scatter, row)
     return scatter
+
+
+@kernel
+def _timing_errors(bands: Array, information: Array, relative_motion: Array) -> Array:
+    """(6, 2) motion of the keyframe's points by an error of the readout time and of the delay.
+
+    A time that is wrong by dt moves a row's residuals by J v dt, with v the relative motion.
+    """
+    scores = np.zeros((6, 2))
+    for n in range(2 * NUM_ROW_BANDS):
+        row = (n % NUM_ROW_BANDS + 0.5) / NUM_ROW_BANDS - 0.5
+        for i in range(6):
+            for j in range(6):
+                score = bands[n, UPPER_TRIANGLE[i, j]] * relative_motion[j]
+                scores[i, 0] += row * score
+                if n >= NUM_ROW_BANDS:
+                    scores[i, 1] += score
+    return multiply(invert_information(information), scores)
 
 
 @kernel

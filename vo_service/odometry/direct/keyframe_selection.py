@@ -7,7 +7,7 @@ between.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import sqrt
 
 import numpy as np
@@ -87,6 +87,7 @@ class TrackedFrame:
         result: Its alignment with a keyframe.
         motion_state: The state at the good frame before it.
         is_well_constrained: Whether its view constrains all six degrees of freedom.
+        timing_errors: (6, 2), see `MotionUncertainty`.
     """
 
     frame: RgbdFrame
@@ -94,6 +95,7 @@ class TrackedFrame:
     result: TrackingResult
     motion_state: MotionState
     is_well_constrained: bool
+    timing_errors: Array = field(default_factory=lambda: np.zeros((6, 2)))
 
     def with_vignetting(self, vignetting: float) -> "TrackedFrame":
         """Return a copy with the current `VignettingEstimate`."""

@@ -194,16 +194,17 @@ class MotionState:
             normalized_innovation: See `MotionState`.
             well_constrained_stamp_s: See `MotionState`.
         """
+        is_measured = well_constrained_stamp_s == images.stamp_s
         return MotionState(
             T_world_camera,
             velocity,
             images.stamp_s,
             gain,
             images.mean_brightness,
-            self.update_velocity_noise(velocity),
+            self.update_velocity_noise(velocity) if is_measured else self.velocity_noise,
             normalized_innovation,
             well_constrained_stamp_s,
-            drift=NO_DRIFT if well_constrained_stamp_s == images.stamp_s else self.next_drift,
+            drift=NO_DRIFT if is_measured else self.next_drift,
         )
 
     @property

@@ -40,6 +40,7 @@ from vo_service.odometry.direct.parameters import (
     REINITIALIZATIONS,
 )
 from vo_service.odometry.direct.pose_filter import (
+    contradiction_reason,
     fuse_with_prediction,
     information_of_prediction,
 )
@@ -133,6 +134,11 @@ class DirectOdometry:
         return self._track.motion_state.velocity if self._track else np.zeros(6)
 
     @property
+    def T_world_camera(self) -> Array:
+        """4x4 pose of the last good frame."""
+        return self._T_world_camera
+
+    @property
     def keyframes(self) -> Sequence[DirectKeyframe]:
         """The keyframes, the most recently used one last."""
         return self._map.keyframes
@@ -209,12 +215,21 @@ class DirectOdometry:
         reason = uncertainty.rejection_reason
         if reason and not motion_state.is_predictable(images.stamp_s):
             return self._fail(frame, images, track, result, reason)
+        if contradiction := contradiction_reason(result, uncertainty, motion_state, images.stamp_s):
+            return self._fail(frame, images, track, result, contradiction)
         # Filter: the measured pose is fused with the predicted one.
         result, uncertainty, normalized_innovation = fuse_with_prediction(
             result, uncertainty, motion_state, images.stamp_s
         )
         # Keyframe: when the current one goes out of view, the next one is selected.
-        tracked = TrackedFrame(frame, images, result, motion_state, is_well_constrained=not reason)
+        tracked = TrackedFrame(
+            frame,
+            images,
+            result,
+            motion_state,
+            is_well_constrained=not reason,
+            timing_errors=uncertainty.timing_errors,
+        )
         tracked, keyframe = self._select_keyframe(tracked, track)
         return self._advance(track, tracked, uncertainty, keyframe, normalized_innovation)
 
@@ -247,7 +262,12 @@ class DirectOdometry:
     ) -> MotionUncertainty:
         velocity_noise = track.motion_state.update_velocity_noise(result.alignment.camera_velocity)
         return estimate_uncertainty(
-            result.keyframe.points, images, result.alignment, result.prior, velocity_noise
+            result.keyframe.points,
+            images,
+            result.alignment,
+            result.prior,
+            velocity_noise,
+            result.keyframe.motion,
         )
 
     def _select_keyframe(
@@ -433,7 +453,9 @@ class DirectOdometry:
             T_reference_camera,
             uncertainty.covariance,
             is_next_reference=is_next_reference,
-            has_biased_error=uncertainty.has_biased_error,
+            # The drift of wheels has been added up since the last good view.
+            has_biased_error=uncertainty.has_biased_error
+            and not (uncertainty.rejection_reason and track.motion_state.told_motion),
         )
 
     def _make_estimate(

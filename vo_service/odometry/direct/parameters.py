@@ -122,8 +122,9 @@ FRAME_COVARIANCE_SHARE = 0.1
 MIN_PREDICTION_SHARE = 0.01
 
 # RECOVERY
-# A pose by features confirms that of an alignment if their squared difference, relative to its
-# covariance, is smaller: 99.9 % of the chi-square distribution with six degrees of freedom.
+# A pose by features confirms that of an alignment, and the motion in a degenerate view is as
+# predicted, if their squared difference, relative to the covariance, is smaller: 99.9 % of the
+# chi-square distribution with six degrees of freedom.
 MAX_SQUARED_POSE_DIFFERENCE = 22.5
 # Number of keyframes that are searched for features: the active one, then the last used ones.
 MAX_SEARCHED_KEYFRAMES = 3

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivers.core.geometry import Array
+from drivers.core.geometry import Array, inverse
 from drivers.core.jit import kernel
 from vo_service.odometry.direct.covariance import MotionUncertainty
 from vo_service.odometry.direct.gauss_newton import NO_INFORMATION
@@ -29,6 +29,7 @@ from vo_service.odometry.direct.motion_state import (
 )
 from vo_service.odometry.direct.parameters import (
     FRAME_COVARIANCE_SHARE,
+    MAX_SQUARED_POSE_DIFFERENCE,
     MIN_PREDICTION_SHARE,
     MOTION_DECAY,
 )
@@ -90,6 +91,35 @@ def fuse_with_prediction(
     return result.with_pose(T_world_camera, velocity), uncertainty, normalized_innovation
 
 
+def contradiction_reason(
+    result: TrackingResult,
+    uncertainty: MotionUncertainty,
+    motion_state: MotionState,
+    stamp_s: float,
+) -> str:
+    """Why a measured pose around a degenerate view is rejected; "" if it is as predicted.
+
+    What moves before the camera may hide so much that the alignment follows it.
+    """
+    is_weak = uncertainty.rejection_reason or motion_state.is_extrapolated
+    if not is_weak or motion_state.told_motion is not None or motion_state.is_stale(stamp_s):
+        return ""
+    T_predicted_camera = inverse(motion_state.predict_pose(stamp_s)) @ result.T_world_camera
+    innovation = se3_log(T_predicted_camera)
+    measured = _constrained_information(
+        invert_cholesky(uncertainty.covariance),
+        uncertainty.degeneracy.suppress_noise(uncertainty.is_constrained),
+        result.alignment.T_camera_keyframe,
+    )
+    both = measured + information_of_prediction(motion_state, stamp_s)
+    # (R + P)^-1 = R^-1 - R^-1 (R^-1 + P^-1)^-1 R^-1, with R the covariance of the measured pose.
+    weighted = measured @ innovation
+    squared = weighted @ innovation - weighted @ np.linalg.solve(both, weighted)
+    if squared <= MAX_SQUARED_POSE_DIFFERENCE:
+        return ""
+    return "degenerate view: the motion contradicts that of the last frames"
+
+
 def information_of_prediction(motion_state: MotionState, stamp_s: float) -> Array:
     """6x6 information of the predicted pose where views have constrained too little for a while."""
     if motion_state.told_motion is not None:
@@ -109,6 +139,20 @@ def fade_innovation(normalized_innovation: float, squared: float) -> float:
         squared: Squared innovation of the pose, divided by its covariance.
     """
     return max(MOTION_DECAY * normalized_innovation + (1.0 - MOTION_DECAY) * squared, squared)
+
+
+@kernel
+def _constrained_information(information: Array, W: Array, T_camera_keyframe: Array) -> Array:
+    """6x6 information of a measured pose in the directions that its view constrains.
+
+    Args:
+        information: 6x6 of the measured pose, in the camera's axes.
+        W: 6x6 of `DegeneracyAnalysis`, in the keyframe's axes.
+        T_camera_keyframe: 4x4.
+    """
+    to_keyframe = se3_adjoint(invert(T_camera_keyframe))
+    W_camera = multiply(multiply(se3_adjoint(T_camera_keyframe), W), to_keyframe)
+    return transform_covariance(W_camera.T.copy(), information)
 
 
 @kernel
@@ -141,9 +185,7 @@ def _fuse(
     step, extrapolated = predicted_information
     innovation = se3_log(compose(invert(predicted[0]), measured[0]))
     of_covariance = invert_cholesky(covariance)
-    to_keyframe = se3_adjoint(invert(T_camera_keyframe))
-    W_camera = multiply(multiply(se3_adjoint(T_camera_keyframe), W), to_keyframe)
-    information = transform_covariance(W_camera.T.copy(), of_covariance)
+    information = _constrained_information(of_covariance, W, T_camera_keyframe)
     squared, weighted = 0.0, multiply_vector(information, innovation)
     for k in range(6):
         squared += innovation[k] * weighted[k]

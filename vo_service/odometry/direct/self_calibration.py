@@ -94,7 +94,7 @@ class SelfCalibratingOdometry:
             self._start(frame)
             before = None
         corrected = correct_frame(frame, self._learned.in_use)
-        estimate = self._tracker.estimate(corrected)
+        estimate = self._add_calibration_error(self._tracker.estimate(corrected))
         with self._timer.stage("calibration"):
             if estimate.is_reset:
                 self._history.clear()
@@ -104,24 +104,25 @@ class SelfCalibratingOdometry:
             else:
                 self._history.interrupt()
             if self._is_search_needed:
-                self._search_timing(corrected, frame, estimate.ok, before)
+                estimate = self._search_timing(corrected, frame, estimate, before)
         return replace(
             estimate,
-            covariance=self._add_focal_error(estimate),
             timing=self._report_timing(frame),
             focal_length=self._report_focal_length(frame),
         )
 
-    def _add_focal_error(self, estimate: Estimate) -> Array:
-        """6x6 covariance of an estimate with the uncertainty of the focal length.
+    def _add_calibration_error(self, estimate: Estimate) -> Estimate:
+        """Add the error of the calibration in use to the covariance of an estimate.
 
-        A wrong focal length changes the motion since the reference about in proportion.
+        A wrong focal length changes the motion since the reference about in proportion; a wrong
+        timing changes it by the `timing_errors` of its view.
         """
-        if not estimate.ok:
-            return estimate.covariance
+        tracked = self._tracker.last_frame
+        if not estimate.ok or tracked is None:
+            return estimate
         motion = se3_log(np.ascontiguousarray(estimate.T_reference_camera))
-        sigma = float(self._learned.sigmas[FOCAL])
-        return estimate.covariance + sigma**2 * np.outer(motion, motion)
+        by_calibration = np.column_stack([tracked.timing_errors, motion]) * self._learned.errors
+        return replace(estimate, covariance=estimate.covariance + by_calibration @ by_calibration.T)
 
     @property
     def _learned(self) -> CalibrationFilter:
@@ -142,39 +143,44 @@ class SelfCalibratingOdometry:
         self,
         frame: RgbdFrame,
         told: RgbdFrame,
-        is_good: bool,
+        estimate: Estimate,
         before: TrackedFrame | DirectKeyframe | None,
-    ) -> None:
+    ) -> Estimate:
         """Search for the timing once there is motion or tracking fails.
+
+        Returns the estimate, with the pose by the timing that has been found.
 
         Args:
             frame: The frame as it was tracked.
             told: The frame as it came from the camera.
-            is_good: Whether it has a pose.
+            estimate: Its estimate.
             before: The good frame before it, or the first keyframe.
         """
         if self._learned.is_certain:
             self._search, self._is_search_needed = None, False
-            return
+            return estimate
         is_fast = _speed(self._tracker.velocity) > MIN_CALIBRATION_SPEED
-        if self._search is None and before is not None and (is_fast or not is_good):
+        if self._search is None and before is not None and (is_fast or not estimate.ok):
             # Frames that are rare tell neither a velocity nor, from it, a timing.
             if frame.stamp_s - before.images.stamp_s > MAX_POSE_INTERVAL_S:
-                return
+                return estimate
             keyframe = before if isinstance(before, DirectKeyframe) else _at_rest(before)
             self._search = TimingSearch(_told_sigmas_s(told), keyframe)
         if self._search is None:
-            return
+            return estimate
         last = self._tracker.last_frame
         is_tracked = last is not None and last.images.stamp_s == frame.stamp_s
         self._search.add(last.images if last and is_tracked else build_image_pyramid(frame))
         found = self._search.evaluate()
         if not found.is_last:
-            return
+            return estimate
         if found.is_clear:
             self._continue_from(found, self._search, told)
+            if estimate.ok:
+                estimate = estimate.with_pose(self._tracker.T_world_camera)
         self._is_search_needed = not found.is_clear and not is_fast
         self._search = None
+        return estimate
 
     def _continue_from(
         self, found: TimingSearchResult, search: TimingSearch, told: RgbdFrame

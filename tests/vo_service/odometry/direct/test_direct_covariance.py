@@ -1,6 +1,7 @@
 """Covariance of an alignment, and the directions that it constrains."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -24,7 +25,7 @@ from vo_service.odometry.direct.covariance import MotionUncertainty, estimate_un
 from vo_service.odometry.direct.gauss_newton import MotionPrior
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC, build_image_pyramid
 from vo_service.odometry.direct.keyframe import DirectKeyframe, make_keyframe
-from vo_service.odometry.direct.motion import zero_motion
+from vo_service.odometry.direct.motion import se3_log, zero_motion
 from vo_service.odometry.direct.points import (
     NUM_ROW_BANDS,
 )
@@ -165,6 +166,23 @@ def test_a_rolling_shutter_increases_the_covariance(how: str) -> None:
         else:
             other = np.trace(align_frame(keyframe, frame, VAGUE)[0].covariance)
         assert (other > 1.1 * calm) == (readout_s > 0)
+
+
+@pytest.mark.parametrize("error_s", [(0.005, 0.0), (0.0, 0.003)])
+def test_a_wrong_timing_moves_the_pose_by_its_timing_errors(error_s: tuple[float, float]) -> None:
+    prior = STATIC_PRIOR._replace(motion=-BRISK.motion)
+    keyframe, right = keyframe_of(render_view()), render_view(BRISK, readout_s=0.02, skew_s=0.01)
+    frame = replace(right, readout_s=0.02 + error_s[0], skew_s=0.01 + error_s[1])
+    _, T_keyframe_right = align_frame(keyframe, right, prior)
+    uncertainty, T_keyframe_camera = align_frame(keyframe, frame, prior)
+    moved = se3_log(np.ascontiguousarray(inverse(T_keyframe_right) @ T_keyframe_camera))
+    predicted = uncertainty.timing_errors @ error_s
+    assert np.linalg.norm(predicted - moved) < 0.2 * np.linalg.norm(moved)
+
+
+def test_a_still_camera_has_no_timing_errors() -> None:
+    uncertainty, _ = align_frame(keyframe_of(render_view()), render_view(readout_s=0.02))
+    assert np.abs(uncertainty.timing_errors).max() < 1e-3
 
 
 def test_a_shaking_camera_has_the_covariance_of_one_row() -> None:

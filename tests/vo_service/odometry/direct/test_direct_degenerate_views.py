@@ -37,6 +37,18 @@ def test_a_bare_wall_is_not_a_start_and_causes_no_sliding(times: float) -> None:
     assert odometry.estimate(wall[4]).ok
 
 
+def test_degenerate_views_after_the_first_frame_are_as_uncertain_as_the_unknown_velocity() -> None:
+    odometry, fast = DirectOdometry(), MovingCamera(2.0 * BRISK.velocity)
+    wall = [add_noise(render_view(fast, k / 30, (WALL,)), k) for k in range(6)]
+    odometry.estimate(wall[0])
+    dark = estimate_all(odometry, [remove_color(frame) for frame in wall[1:]])
+    assert {estimate.reason for estimate in dark} == {REASON}
+    for k, estimate in enumerate(dark, start=1):
+        off = inverse(estimate.T_world_camera) @ fast.pose_at(k / 30)
+        sigma_m = np.sqrt(np.linalg.eigvalsh(estimate.covariance[:3, :3])[-1])
+        assert np.linalg.norm(off[:3, 3]) < 3.0 * sigma_m
+
+
 @pytest.mark.slow
 def test_a_degenerate_view_is_degraded_for_a_moment_then_lost() -> None:
     """A textured wall in the dark: depth constrains three degrees of freedom."""

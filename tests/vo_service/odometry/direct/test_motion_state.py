@@ -93,15 +93,22 @@ def test_calm_is_ignored_after_a_long_time() -> None:
 
 def test_prediction_continues_from_the_next_good_frame() -> None:
     images = build_image_pyramid(render_view())
-    there = MOTION_STATE.advance(BRISK.pose_at(1.1), BRISK.velocity, images, 1.2, 0.7, 1.05)
-    assert there.stamp_s == images.stamp_s
+    stamp_s = images.stamp_s
+    there = MOTION_STATE.advance(BRISK.pose_at(1.1), BRISK.velocity, images, 1.2, 0.7, stamp_s)
+    assert there.stamp_s == there.well_constrained_stamp_s == stamp_s
     assert there.gain == 1.2
     assert there.normalized_innovation == 0.7
-    assert there.well_constrained_stamp_s == 1.05
     np.testing.assert_array_equal(
         there.velocity_noise, MOTION_STATE.update_velocity_noise(BRISK.velocity)
     )
     np.testing.assert_array_equal(there.T_world_camera, BRISK.pose_at(1.1))
+
+
+def test_a_degenerate_view_tells_nothing_of_the_velocity_noise() -> None:
+    images = build_image_pyramid(render_view())
+    there = MOTION_STATE.advance(BRISK.pose_at(1.1), BRISK.velocity, images, 1.2, 0.7, -1.0)
+    assert there.well_constrained_stamp_s == -1.0
+    np.testing.assert_array_equal(there.velocity_noise, MOTION_STATE.velocity_noise)
 
 
 @pytest.mark.parametrize(

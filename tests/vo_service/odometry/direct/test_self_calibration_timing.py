@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from drivers.camera import RgbdFrame, TimingPrior, TimingSource
+from drivers.core.geometry import inverse
 from tests.vo_service.odometry.direct.rolling_shutter_views import (
     add_noise,
     remove_color,
@@ -52,6 +53,22 @@ def test_readout_and_delay_are_learned_within_two_seconds() -> None:
     assert abs(timing.readout_s - READOUT_S) < 0.002
     assert abs(timing.depth_offset_s - DELAY_S) < 0.0015
     assert timing.source == "learned"
+
+
+def test_poses_are_within_three_sigmas_while_the_timing_is_not_known() -> None:
+    frames = swinging_frames(READOUT_S, DELAY_S)[:12]
+    true = SwingingCamera().poses_at(np.arange(len(frames)) / 30)
+    for estimate, T_world_camera in zip(learn(frames)[1:], true[1:], strict=True):
+        error = inverse(estimate.T_world_camera) @ inverse(true[0]) @ T_world_camera
+        sigma_m = np.sqrt(np.linalg.eigvalsh(estimate.covariance[:3, :3])[-1])
+        assert np.linalg.norm(error[:3, 3]) < 3.0 * sigma_m
+
+
+def test_the_frame_that_completes_the_search_has_the_pose_that_tracking_continues_from() -> None:
+    odometry = SelfCalibratingOdometry(DirectOdometry())
+    for frame in swinging_frames(READOUT_S, DELAY_S)[:8]:
+        estimate = odometry.estimate(frame)
+        np.testing.assert_array_equal(estimate.T_world_camera, odometry.tracker.T_world_camera)
 
 
 def test_another_sensor_starts_with_its_own_prior() -> None:

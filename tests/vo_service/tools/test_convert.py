@@ -35,7 +35,6 @@ from tests.drivers.bag.test_bag import (
     write_color,
     write_frame,
     write_stamped,
-    write_unregistered,
 )
 from tests.full_disk import limit_file_size
 from tests.vo_service.fakes import make_frame
@@ -178,18 +177,6 @@ def test_files_in_millimeters_keep_their_bytes(
     for file in files:
         copy = tmp_path / "back" / file.relative_to(folder)
         assert copy.read_bytes() == file.read_bytes()
-
-
-def test_depth_of_another_camera_is_registered(tmp_path: Path) -> None:
-    def fill(bag: BagWriter, k: int) -> None:
-        write_unregistered(bag, k)
-        move = bag.maker.transform(stamp_ns(k), FRAME, "depth_optical", (0.1, 0.0, 0.2))
-        bag.transforms("/tf_static", stamp_ns(k), TF, move)
-
-    path = make_bag(tmp_path / "a", fill)
-    convert_path(path, tmp_path / "folder")
-    ours, theirs = read_frames(tmp_path / "folder"), read_frames(path)
-    np.testing.assert_array_equal(ours[0].depth_raw, theirs[0].depth_raw)
 
 
 @pytest.mark.parametrize(("name", "kind"), [*OUTPUTS, ("folder", OutputFormat.FOLDER)])

@@ -68,15 +68,13 @@ def test_the_json_has_numbers(calibration: CalibrationResult) -> None:
     assert content["warnings"] == ["a warning"]
 
 
-def test_the_figure_has_two_plots_per_camera(calibration: CalibrationResult) -> None:
-    figure = draw_plot(calibration)
-    titles = [plot.get_title() for plot in figure.axes]
+@pytest.mark.parametrize("name", ["coverage.png", "coverage.svg"])
+def test_the_figure_has_two_plots_per_camera(
+    calibration: CalibrationResult, tmp_path: Path, name: str
+) -> None:
+    titles = [plot.get_title() for plot in draw_plot(calibration).axes]
     assert titles[0].startswith("corners, and 0.")
     assert titles[2].startswith("depth readings on the boards")
-
-
-@pytest.mark.parametrize("name", ["coverage.png", "coverage.svg"])
-def test_the_figure_is_written(calibration: CalibrationResult, tmp_path: Path, name: str) -> None:
     write_plot(tmp_path / name, calibration)
     if name.endswith(".png"):
         assert cv2.imread(str(tmp_path / name)) is not None

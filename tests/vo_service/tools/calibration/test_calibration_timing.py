@@ -62,18 +62,24 @@ def test_a_sigma_of_zero_is_exact() -> None:
     assert told_timing(exact, is_kinect=True) == make_timing(0.0, 0.0, 0.0, 0.0)
 
 
-def test_only_what_becomes_more_certain_is_saved() -> None:
-    told = make_timing(0.029, 0.0, 0.001, 0.005)
-    assert select_changes(told, MEASURED) == {"depth_offset_s": TimingValue(-0.0021, 0.0035)}
-
-
-def test_a_value_that_is_contradicted_is_replaced() -> None:
-    told = make_timing(0.019, 0.0, 0.001, 0.001)
-    assert select_changes(told, MEASURED) == {"readout_s": TimingValue(0.0272, 0.0022)}
-
-
-def test_a_repeated_measurement_is_saved() -> None:
-    assert select_changes(MEASURED, MEASURED) == MEASURED
+@pytest.mark.parametrize(
+    ("told", "changes"),
+    [
+        (
+            make_timing(0.029, 0.0, 0.001, 0.005),  # a more certain readout
+            {"depth_offset_s": TimingValue(-0.0021, 0.0035)},
+        ),
+        (
+            make_timing(0.019, 0.0, 0.001, 0.001),  # a contradicted readout
+            {"readout_s": TimingValue(0.0272, 0.0022)},
+        ),
+        (MEASURED, MEASURED),
+    ],
+)
+def test_only_what_becomes_more_certain_or_is_contradicted_is_saved(
+    told: SensorTiming, changes: SensorTiming
+) -> None:
+    assert select_changes(told, MEASURED) == changes
 
 
 def test_a_negative_readout_is_zero() -> None:

@@ -104,17 +104,28 @@ POSES_WITH_ALL_TILTS = 2 * [
 ]
 
 
-def test_a_zone_without_corners_is_named() -> None:
-    views = [view for view in VIEWS_EVERYWHERE if view.corners.pixels[0].tolist() != [600, 50]]
-    (gap,) = find_coverage_gaps(views, POSES_WITH_ALL_TILTS, with_depth=True)
-    assert gap.remedy == "show it at the top right of the image"
-
-
-def test_a_missing_tilt_is_named_by_the_nearer_edge() -> None:
-    # If the board is turned to the right, its left edge is nearer.
-    turned_right = [s for s in POSES_WITH_ALL_TILTS if s.normal[0] <= 0]
-    (gap,) = find_coverage_gaps(VIEWS_EVERYWHERE, turned_right, with_depth=False)
-    assert gap.remedy == "tilt its left edge 20 to 45 degrees towards the camera"
+# If the board is turned to the right, its left edge is nearer.
+@pytest.mark.parametrize(
+    ("views", "poses", "remedy"),
+    [
+        (
+            [v for v in VIEWS_EVERYWHERE if v.corners.pixels[0].tolist() != [600, 50]],
+            POSES_WITH_ALL_TILTS,
+            "show it at the top right of the image",
+        ),
+        (
+            VIEWS_EVERYWHERE,
+            [pose for pose in POSES_WITH_ALL_TILTS if pose.normal[0] <= 0],
+            "tilt its left edge 20 to 45 degrees towards the camera",
+        ),
+    ],
+    ids=["zone", "tilt"],
+)
+def test_a_zone_without_corners_and_a_missing_tilt_are_named(
+    views: list[BoardView], poses: list[BoardPose], remedy: str
+) -> None:
+    (gap,) = find_coverage_gaps(views, poses, with_depth=True)
+    assert gap.remedy == remedy
 
 
 def test_depth_needs_more_than_one_distance() -> None:

@@ -3,6 +3,7 @@
 import os
 import threading
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -120,52 +121,33 @@ def test_the_key_changes_with_everything_that_changes_the_result(
 
 
 def test_runs_with_and_without_loop_closure_have_different_keys(recording: Path) -> None:
-    observers = (
-        NULL_OBSERVER,
-        LoopClosureObserverFactory(MapConfig()),
-        LoopClosureObserverFactory(MapConfig(keyframe_database_mb=20)),
-    )
-    keys = [key(recording, FaultyMethodFactory(), observer=observer) for observer in observers]
-    assert len(set(keys)) == 3
-    assert (
-        key(
-            recording,
-            FaultyMethodFactory(),
-            observer=LoopClosureObserverFactory(MapConfig(enabled=False)),
-        )
-        == keys[1]
-    )
+    def key_with(observer: ObserverFactory) -> str:
+        return key(recording, FaultyMethodFactory(), observer=observer)
+
+    configs = (MapConfig(), MapConfig(keyframe_database_mb=20), MapConfig(enabled=False))
+    default, smaller, disabled = (key_with(LoopClosureObserverFactory(c)) for c in configs)
+    assert len({key_with(NULL_OBSERVER), default, smaller}) == 3
+    assert disabled == default
 
 
 @pytest.mark.subprocess
 @pytest.mark.usefixtures("forked_runs")
 def test_a_run_with_loop_closure_is_cached_with_it(recording: Path, tmp_path: Path) -> None:
-    loop_closure = LoopClosureObserverFactory(MapConfig())
-    first, _ = run_all(recording, tmp_path, {"trial": FaultyMethodFactory()}, observer=loop_closure)
-    cached, output_text = run_all(
-        recording, tmp_path, {"trial": FaultyMethodFactory()}, observer=loop_closure
-    )
+    run = partial(run_all, recording, tmp_path, {"trial": FaultyMethodFactory()})
+    observer = LoopClosureObserverFactory(MapConfig())
+    (first,), _ = run(observer=observer)
+    (cached,), output_text = run(observer=observer)
     assert "cached" in output_text
-    cached_result, first_result = (
-        cached[0].outcome.run.loop_closure,
-        first[0].outcome.run.loop_closure,
-    )
-    assert cached_result is not None
-    assert first_result is not None
-    assert (
-        cached_result.map_keyframes,
-        cached_result.loop_closures,
-        cached_result.cpu_ms_per_frame,
-    ) == (
-        1,
-        0,
-        first_result.cpu_ms_per_frame,
-    )
-    assert len(cached_result.trajectory) == FRAMES
-    without, output_text = run_all(recording, tmp_path, {"trial": FaultyMethodFactory()})
+    found, expected = (each.outcome.run.loop_closure for each in (cached, first))
+    assert found is not None
+    assert expected is not None
+    assert (found.map_keyframes, found.loop_closures) == (1, 0)
+    assert found.cpu_ms_per_frame == expected.cpu_ms_per_frame
+    assert len(found.trajectory) == FRAMES
+    (without,), output_text = run()
     assert "starting" in output_text
-    assert without[0].outcome.run.loop_closure is None
-    assert [result.has_loop_closure for result in (*cached, *without)] == [True, False]
+    assert without.outcome.run.loop_closure is None
+    assert (cached.has_loop_closure, without.has_loop_closure) == (True, False)
 
 
 def test_the_truth_is_in_the_key_only_if_it_is_used(copy_recording: CopyRecording) -> None:

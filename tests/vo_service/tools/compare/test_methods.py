@@ -90,21 +90,11 @@ def test_every_method_is_made_as_in_the_service() -> None:
 def test_the_scale_of_sfm_alone_comes_from_the_truth() -> None:
     sfm, surf = (make_factory(method, SfmScale.GROUND_TRUTH) for method in ("sfm", "surf"))
     assert (sfm.uses_truth, surf.uses_truth) == (True, False)
-    assert sfm == TrueScaleSfmFactory(OdometryConfig(method="sfm"))
+    assert pickle.loads(pickle.dumps(sfm)) == sfm == TrueScaleSfmFactory(OdometryConfig("sfm"))
     assert sfm.settings["sfm_scale"] == "ground-truth"
     assert isinstance(sfm.make(NullStageTimer(), make_recording().contents), SfmOdometry)
-
-
-def test_without_truth_there_is_no_such_scale() -> None:
-    recording = make_recording(has_truth=False).contents
     with pytest.raises(InputError, match=r"no groundtruth.txt"):
-        make_factory("sfm", SfmScale.GROUND_TRUTH).make(NullStageTimer(), recording)
-
-
-def test_factories_can_be_pickled() -> None:
-    for scale in SfmScale:
-        sfm = make_factory("sfm", scale)
-        assert pickle.loads(pickle.dumps(sfm)) == sfm
+        sfm.make(NullStageTimer(), make_recording(has_truth=False).contents)
 
 
 @pytest.mark.parametrize(

@@ -69,20 +69,11 @@ def loop_closure_cache(tmp_path: Path) -> RunCache:
 def test_the_result_of_loop_closure_is_loaded(loop_closure_cache: RunCache) -> None:
     loaded = loop_closure_cache.load(KEY)
     assert loaded is not None
-    assert loaded.run.loop_closure is not None
-    loop_closure = loaded.run.loop_closure
-    assert (
-        loop_closure.map_keyframes,
-        loop_closure.loop_closures,
-        loop_closure.cpu_ms_per_frame,
-    ) == (
-        3,
-        2,
-        1.5,
-    )
-    np.testing.assert_allclose(
-        loop_closure.trajectory.T_world_camera, poses_along_x(FRAMES), atol=1e-6
-    )
+    found = loaded.run.loop_closure
+    assert found is not None
+    assert (found.map_keyframes, found.loop_closures, found.cpu_ms_per_frame) == (3, 2, 1.5)
+    T_world_camera = found.trajectory.T_world_camera
+    np.testing.assert_allclose(T_world_camera, poses_along_x(FRAMES), atol=1e-6)
 
 
 def test_a_run_with_a_cut_or_missing_optimized_trajectory_is_not_loaded(

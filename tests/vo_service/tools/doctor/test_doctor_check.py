@@ -161,16 +161,12 @@ def test_lines_are_aligned_and_the_fix_is_below() -> None:
     )
 
 
-def test_a_terminal_gets_no_line_that_is_too_long() -> None:
+def test_a_terminal_gets_no_line_that_is_too_long_and_a_log_a_line_for_each_check() -> None:
     results = run(fixed_check("sensor", failed(LONG, LONG)))
     lines = printed(FakeTerminal(), results).splitlines()
     assert len(lines) > 6
     assert max(len(line) for line in lines) <= 64
     assert lines[1].startswith(" " * 17)
-
-
-def test_a_log_keeps_each_check_on_one_line() -> None:
-    results = run(fixed_check("sensor", failed(LONG, LONG)))
     assert LONG in printed(FakeTerminal(is_terminal=False), results).splitlines()[0]
 
 

@@ -113,28 +113,24 @@ def test_a_camera_that_prepares_has_the_time_to_start(
     assert (len(sample.samples), sample.error) == (1, "")
 
 
-def test_the_error_of_opening_is_reported() -> None:
+def test_the_error_of_opening_and_of_a_lost_camera_is_reported(frame: RgbdFrame) -> None:
     sample = probe_stream(UnopenableCamera(), 5.0, lambda _: None)
     assert (sample.samples, sample.error) == ((), "in use; close the other program")
-
-
-def test_the_error_of_a_lost_camera_is_reported(frame: RgbdFrame) -> None:
     camera = SampledCamera(frame, CameraLostError("unplugged; plug it in again"))
     sample = probe_stream(camera, 5.0, lambda _: None)
     assert (len(sample.samples), sample.error) == (1, "unplugged; plug it in again")
     assert not camera.is_open
 
 
-def test_a_silent_camera_fails_with_its_reason() -> None:
-    camera = SampledCamera(reason="the driver hung while opening the camera")
-    assert (
-        probe_stream(camera, 5.0, lambda _: None).error
-        == "the driver hung while opening the camera"
-    )
-
-
-def test_a_silent_camera_without_a_reason_fails() -> None:
-    assert probe_stream(SampledCamera(), 5.0, lambda _: None).error == "no frame within 0.05 s"
+@pytest.mark.parametrize(
+    ("reason", "error"),
+    [
+        ("the driver hung while opening the camera", "the driver hung while opening the camera"),
+        ("", "no frame within 0.05 s"),
+    ],
+)
+def test_a_silent_camera_fails_with_its_reason(reason: str, error: str) -> None:
+    assert probe_stream(SampledCamera(reason=reason), 5.0, lambda _: None).error == error
 
 
 def test_invalid_input_is_raised() -> None:

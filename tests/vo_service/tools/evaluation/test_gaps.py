@@ -26,14 +26,8 @@ def test_a_gap_is_longer_than_median_steps_and_than_a_fifth_of_a_second(
 ) -> None:
     stamps_s = 100.0 + np.cumsum([0.0, *steps_s])
     assert [gap.length_s for gap in find_gaps(stamps_s)] == pytest.approx(lengths_s)
-
-
-def test_a_recording_without_frames_has_no_gap() -> None:
-    assert find_gaps(np.empty(0)) == []
-
-
-def test_a_gap_has_the_stamps_of_the_frames_beside_it() -> None:
     assert find_gaps(STAMPS_S) == [GAP]
+    assert find_gaps(np.empty(0)) == []
 
 
 @pytest.mark.parametrize(

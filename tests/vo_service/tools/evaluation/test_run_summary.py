@@ -36,30 +36,18 @@ def summarize(trajectory: Trajectory, truth: Trajectory | None = TRUTH) -> RunSu
     )
 
 
-def test_the_public_keys_exist() -> None:
-    assert set(EMPTY_SUMMARY.as_json()) >= {
-        *("frames", "failed", "skipped", "coverage", "stage_ms", "cpu_ms_per_frame"),
-        *("ate_rmse_m", "mean_global_error_m", "rpe_frame_m", "rpe_frame_deg"),
-        *("rpe_1s_m", "rpe_1s_deg"),
-    }
-
-
 def test_with_and_without_truth_the_keys_are_the_same_and_json_takes_the_values() -> None:
     with_truth = summarize(TRUTH).as_json()
     assert list(EMPTY_SUMMARY.as_json()) == list(with_truth)
     assert json.loads(json.dumps(with_truth, allow_nan=False)) == with_truth
+    assert {"frames", "failed", "skipped", "stage_ms", "cpu_ms_per_frame"} < set(with_truth)
 
 
-def test_a_perfect_trajectory_has_no_error() -> None:
-    metrics = summarize(TRUTH).as_json()
-    assert metrics["coverage"] == 1.0
-    for key in ("ate_rmse_m", "mean_global_error_m", "rpe_frame_m", "rpe_1s_m", "rpe_1s_deg"):
-        assert metrics[key] == pytest.approx(0.0, abs=1e-6)
-
-
-def test_failed_frames_lower_the_coverage() -> None:
-    half = Trajectory(STAMPS_S[:20], PATH[:20])
-    assert summarize(half).as_json()["coverage"] == 0.5
+def test_failed_frames_lower_the_coverage_and_are_no_errors() -> None:
+    half = summarize(Trajectory(STAMPS_S[:20], PATH[:20])).as_json()
+    assert half["coverage"] == 0.5
+    for key in ("ate_rmse_m", "mean_global_error_m", "rpe_frame_m", "rpe_frame_deg"):
+        assert half[key] == pytest.approx(0.0, abs=1e-6)
 
 
 def test_without_a_pose_or_a_truth_there_is_nothing_to_evaluate(

@@ -53,10 +53,6 @@ def test_a_word_that_only_some_images_have_weighs_more() -> None:
     assert weights == {0: 0.0, 255: pytest.approx(np.log(2), rel=1e-5)}
 
 
-def test_the_same_images_give_the_same_vocabulary() -> None:
-    assert train_vocabulary(images()) == train_vocabulary(images())
-
-
 def test_a_trained_vocabulary_is_accepted_as_a_file(tmp_path: Path) -> None:
     file = write_vocabulary(tmp_path, train_vocabulary(images()))
     checked = read_vocabulary_file(file)

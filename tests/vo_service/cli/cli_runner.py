@@ -1,7 +1,7 @@
 """kinect-vo as a user runs it: in a process of its own, or (much quicker) within this one."""
 
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +27,9 @@ class CommandResult:
         """What stderr has beside lines that only inform."""
         lines = self.err.splitlines(keepends=True)
         return "".join(line for line in lines if not line.startswith("kinect-vo: info: "))
+
+
+KinectVo = Callable[..., CommandResult]
 
 
 def run_in_process(capfd: pytest.CaptureFixture[str], *arguments: object) -> CommandResult:
@@ -56,6 +59,15 @@ def running_subprocess(*arguments: object) -> Iterator[subprocess.Popen[str]]:
             yield process
         finally:
             process.kill()
+
+
+def assert_one_line(outcome: CommandResult, code: int, message: str) -> None:
+    """Check that a command failed with one line, which has this message."""
+    *notes, error = outcome.err.splitlines()
+    assert (outcome.code, outcome.out) == (code, "")
+    assert all(note.startswith("kinect-vo: info: ") for note in notes)  # on a slow machine
+    assert error.startswith("kinect-vo: error: ")
+    assert message in error
 
 
 def count_lines(path: Path) -> int:

@@ -1,12 +1,14 @@
 """Surroundings for commands: a cache of their own, one set of compiled kernels, a free port."""
 
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 from tests.forked_process import forked_probes
 from tests.ports import free_port
+from tests.vo_service.cli.cli_runner import KinectVo, run_in_process
 from tests.vo_service.service_process import NO_MAP_CONFIG
 
 
@@ -22,6 +24,12 @@ def fork_probes() -> Iterator[None]:
     """Fork the processes of the doctor's probes, whose start is not what these tests are about."""
     with forked_probes():
         yield
+
+
+@pytest.fixture
+def kinect_vo(capfd: pytest.CaptureFixture[str]) -> KinectVo:
+    """Run a command in this process, as `run_in_process` does."""
+    return partial(run_in_process, capfd)
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from drivers.calibration import CameraCalibration, read_calibration
 from tests.simulators.fixtures import SimulateKinect
 from tests.simulators.oni_writer import OniImage, OniSensor, write_oni
 from tests.simulators.usb_frames import write_usb_frames
-from tests.vo_service.cli.cli_runner import CommandResult, run_in_process
+from tests.vo_service.cli.cli_runner import KinectVo, assert_one_line
 from tests.vo_service.tools.calibration.board_snapshots import (
     VIEWS,
     each_image_is_searched_once,
@@ -23,7 +23,6 @@ from tests.vo_service.tools.calibration.rendered_boards import COLOR_LENS, DEPTH
 from vo_service.tools.calibration import color_camera, depth_camera
 from vo_service.tools.calibration.snapshot import Snapshot
 
-Capture = pytest.CaptureFixture[str]
 OPTIONS = ("calibrate", "--board", "chessboard:9x6", "--square", "0.035")
 FOUND = VIEWS - 1  # one is seen from too far aside
 
@@ -74,9 +73,9 @@ def assert_is_the_cameras(camera: CameraCalibration, within_px: float = 1.0) -> 
 
 @pytest.mark.slow
 def test_a_folder_gives_a_camera_file_a_table_and_a_figure(
-    folder: Path, tmp_path: Path, capfd: Capture
+    folder: Path, tmp_path: Path, kinect_vo: KinectVo
 ) -> None:
-    outcome = run_in_process(capfd, *OPTIONS, folder, "--depth", "--picture", "coverage.png")
+    outcome = kinect_vo(*OPTIONS, folder, "--depth", "--picture", "coverage.png")
     assert (outcome.code, outcome.error_lines) == (0, "")
     assert f"{FOUND} views of a chessboard of 9x6 inner corners, 640x480\n" in outcome.out
     assert outcome.out.endswith("saved as camera.toml: use it with --camera-file camera.toml, "
@@ -89,8 +88,8 @@ def test_a_folder_gives_a_camera_file_a_table_and_a_figure(
 
 
 @pytest.mark.slow
-def test_only_json_is_printed(folder: Path, capfd: Capture) -> None:
-    outcome = run_in_process(capfd, *OPTIONS, folder, "--json", "--output", "mine.toml")
+def test_only_json_is_printed(folder: Path, kinect_vo: KinectVo) -> None:
+    outcome = kinect_vo(*OPTIONS, folder, "--json", "--output", "mine.toml")
     result = json.loads(outcome.out)
     assert result["camera_file"] == "mine.toml"
     assert (result["views"], result["depth"], result["kept"]) == (FOUND, None, None)
@@ -99,18 +98,18 @@ def test_only_json_is_printed(folder: Path, capfd: Capture) -> None:
 
 @pytest.mark.slow
 def test_the_configured_file_is_written_and_the_old_one_is_kept(
-    folder: Path, tmp_path: Path, capfd: Capture
+    folder: Path, tmp_path: Path, kinect_vo: KinectVo
 ) -> None:
     (tmp_path / "kinect.toml").write_text('schema = 1\n[camera]\nfile = "lens.toml"\n')
     (tmp_path / "lens.toml").write_text("precious\n")
-    outcome = run_in_process(capfd, *OPTIONS, folder, "--config", "kinect.toml")
+    outcome = kinect_vo(*OPTIONS, folder, "--config", "kinect.toml")
     assert "saved as lens.toml; the one before is lens.toml.bak: use" in outcome.out
     assert (tmp_path / "lens.toml.bak").read_text() == "precious\n"
     assert_is_the_cameras(read_calibration(tmp_path / "lens.toml"))
 
 
-def test_a_board_to_print_is_written(tmp_path: Path, capfd: Capture) -> None:
-    outcome = run_in_process(capfd, *OPTIONS, "--print-board", "board.pdf")
+def test_a_board_to_print_is_written(tmp_path: Path, kinect_vo: KinectVo) -> None:
+    outcome = kinect_vo(*OPTIONS, "--print-board", "board.pdf")
     message = "board.pdf: chessboard of 9x6 inner corners, to print on A3 at 100 %\n"
     assert (outcome.code, outcome.out) == (0, message)
     assert (tmp_path / "board.pdf").read_bytes().startswith(b"%PDF")
@@ -125,7 +124,7 @@ def held(photographs: Sequence[Snapshot], frames: int) -> Iterator[Snapshot]:
 @pytest.mark.rerun
 @pytest.mark.usefixtures("real_openni2")
 def test_a_camera_of_openni2_is_calibrated_live_from_its_raw_images(
-    photographs: Sequence[Snapshot], tmp_path: Path, capfd: Capture
+    photographs: Sequence[Snapshot], tmp_path: Path, kinect_vo: KinectVo
 ) -> None:
     images = [
         image
@@ -138,12 +137,12 @@ def test_a_camera_of_openni2_is_calibrated_live_from_its_raw_images(
     write_oni(tmp_path / "boards.oni", images)
     camera = ("--camera", "openni2:boards.oni", "--views", "18", "--depth", "--keep", "views")
     watched = ("--output", "live.toml", "--rerun", "watched.rrd")
-    assert run_in_process(capfd, *OPTIONS, *camera, *watched).code == 0
+    assert kinect_vo(*OPTIONS, *camera, *watched).code == 0
     live = read_calibration(tmp_path / "live.toml")
     assert (tmp_path / "watched.rrd").stat().st_size > 100_000
     assert_is_the_cameras(live)
     # What was kept is what was seen: it calibrates to the same.
-    assert run_in_process(capfd, *OPTIONS, "views", "--depth", "--output", "again.toml").code == 0
+    assert kinect_vo(*OPTIONS, "views", "--depth", "--output", "again.toml").code == 0
     assert read_calibration(tmp_path / "again.toml") == live
 
 
@@ -153,7 +152,7 @@ def test_a_kinect_is_calibrated_live_from_its_raw_images(
     photographs: Sequence[Snapshot],
     tmp_path: Path,
     simulate_kinect: SimulateKinect,
-    capfd: Capture,
+    kinect_vo: KinectVo,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     # A busy machine may miss a board and take it in the next round. The standard deviations depend
@@ -169,9 +168,7 @@ def test_a_kinect_is_calibrated_live_from_its_raw_images(
     kinect = simulate_kinect(write_usb_frames(tmp_path, images))
     kinect.rate = 10
     kinect.activate()
-    outcome = run_in_process(
-        capfd, *OPTIONS, "--camera", "freenect", "--views", str(FOUND), "--depth"
-    )
+    outcome = kinect_vo(*OPTIONS, "--camera", "freenect", "--views", str(FOUND), "--depth")
     assert outcome.code == 0, outcome.err
     # Bayer's mosaic and 11 bits of depth cost something.
     assert_is_the_cameras(read_calibration(tmp_path / "camera.toml"), within_px=2.0)
@@ -184,16 +181,9 @@ def write_gray(folder: Path, names: Sequence[str]) -> Path:
     return folder
 
 
-def assert_one_line(outcome: CommandResult, code: int, message: str) -> None:
-    assert (outcome.code, outcome.out) == (code, "")
-    assert outcome.err.count("\n") == 1, outcome.err
-    assert outcome.err.startswith("kinect-vo: error: ")
-    assert message in outcome.err
-
-
-def test_images_without_the_board_give_advice(tmp_path: Path, capfd: Capture) -> None:
+def test_images_without_the_board_give_advice(tmp_path: Path, kinect_vo: KinectVo) -> None:
     write_gray(tmp_path / "gray", ["a.png", "b.png"])
-    outcome = run_in_process(capfd, *OPTIONS, "gray")
+    outcome = kinect_vo(*OPTIONS, "gray")
     message = (
         "gray: none of the 2 images shows a chessboard of 9x6 inner corners; check that --board"
     )
@@ -212,18 +202,16 @@ def few(folder: Path, tmp_path: Path) -> Path:
 
 
 @pytest.mark.slow
-def test_images_of_another_board_name_it(few: Path, capfd: Capture) -> None:
-    outcome = run_in_process(
-        capfd, "calibrate", "--board", "chessboard:8x6", "--square", "0.035", few
-    )
-    assert_one_line(outcome, 2, "but some show another board; use --board chessboard:9x6\n")
+def test_images_of_another_board_name_it(few: Path, kinect_vo: KinectVo) -> None:
+    outcome = kinect_vo("calibrate", "--board", "chessboard:8x6", "--square", "0.035", few)
+    assert_one_line(outcome, 2, "but some show another board; use --board chessboard:9x6")
 
 
 @pytest.mark.slow
 def test_a_wrong_square_size_is_detected_by_depth_and_nothing_is_saved(
-    folder: Path, tmp_path: Path, capfd: Capture
+    folder: Path, tmp_path: Path, kinect_vo: KinectVo
 ) -> None:
-    outcome = run_in_process(capfd, "calibrate", "--square", "0.025", folder, "--depth")
+    outcome = kinect_vo("calibrate", "--square", "0.025", folder, "--depth")
     assert_one_line(outcome, 1, "times as far away as measured by depth; measure --square again")
     assert not (tmp_path / "camera.toml").exists()
 
@@ -251,9 +239,9 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
-def test_a_mistake_is_one_line(mistake: str, capfd: Capture) -> None:
+def test_a_mistake_is_one_line(mistake: str, kinect_vo: KinectVo) -> None:
     arguments, message = MISTAKES[mistake]
-    assert_one_line(run_in_process(capfd, "calibrate", "--square", "0.025", *arguments), 2, message)
+    assert_one_line(kinect_vo("calibrate", "--square", "0.025", *arguments), 2, message)
 
 
 @pytest.mark.parametrize(("square", "message"), [
@@ -261,6 +249,6 @@ def test_a_mistake_is_one_line(mistake: str, capfd: Capture) -> None:
     (["--square", "25"], "25 is out of range: give meters, such as 0.025 for 25 mm"),
 ])  # fmt: skip
 def test_the_size_of_a_square_is_required_in_meters(
-    square: list[str], message: str, capfd: Capture
+    square: list[str], message: str, kinect_vo: KinectVo
 ) -> None:
-    assert_one_line(run_in_process(capfd, "calibrate", ".", *square), 2, message)
+    assert_one_line(kinect_vo("calibrate", ".", *square), 2, message)

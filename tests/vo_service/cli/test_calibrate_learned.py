@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from drivers.calibration import TUM_CALIBRATIONS, format_calibration, read_calibration
-from tests.vo_service.cli.cli_runner import run_in_process
+from tests.vo_service.cli.cli_runner import KinectVo
 from tests.vo_service.learned_updates import LEARNED, SERIAL
 from vo_service.sensor_memory import (
     RememberedFocalLength,
@@ -15,7 +15,6 @@ from vo_service.sensor_memory import (
     write_remembered_sensor,
 )
 
-Capture = pytest.CaptureFixture[str]
 CAMERA = replace(TUM_CALIBRATIONS["1"], readout_s=0.02)
 OTHER = replace(LEARNED, serial="B2")
 
@@ -30,9 +29,9 @@ def memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return sensor_folder(tmp_path / "state")
 
 
-def test_the_learned_timing_is_written_with_its_sigmas(memory: Path, capfd: Capture) -> None:
+def test_the_learned_timing_is_written_with_its_sigmas(memory: Path, kinect_vo: KinectVo) -> None:
     write_remembered_sensor(memory, LEARNED)
-    outcome = run_in_process(capfd, "calibrate", "--save-learned", "--camera-file", "camera.toml")
+    outcome = kinect_vo("calibrate", "--save-learned", "--camera-file", "camera.toml")
     assert (outcome.code, outcome.err) == (0, "")
     assert f"serial: {SERIAL}\n" in outcome.out
     assert "20.0 ± 1.0 ms     30.5 ± 1.2 ms\n" in outcome.out
@@ -47,12 +46,12 @@ def test_the_learned_timing_is_written_with_its_sigmas(memory: Path, capfd: Capt
 
 
 def test_a_sensor_is_chosen_by_its_serial_and_a_new_file_is_a_copy(
-    memory: Path, tmp_path: Path, capfd: Capture
+    memory: Path, tmp_path: Path, kinect_vo: KinectVo
 ) -> None:
     write_remembered_sensor(memory, LEARNED)
     write_remembered_sensor(sensor_folder(tmp_path / "var/kinect-vo-front"), OTHER)
     arguments = ("--serial", "B2", "--camera-file", "camera.toml", "--output", "new.toml")
-    outcome = run_in_process(capfd, "calibrate", "--save-learned", *arguments, "--json")
+    outcome = kinect_vo("calibrate", "--save-learned", *arguments, "--json")
     result = json.loads(outcome.out)
     assert (result["serial"], result["camera_file"], result["kept"]) == ("B2", "new.toml", None)
     assert result["readout_s"]["now"] == {"value_s": 0.0305, "sigma_s": 0.0012}
@@ -60,10 +59,10 @@ def test_a_sensor_is_chosen_by_its_serial_and_a_new_file_is_a_copy(
     assert read_calibration(Path("camera.toml")) == CAMERA
 
 
-def test_fx_and_fy_are_multiplied_by_the_learned_factor(memory: Path, capfd: Capture) -> None:
+def test_fx_and_fy_are_multiplied_by_the_learned_factor(memory: Path, kinect_vo: KinectVo) -> None:
     focal_length = RememberedFocalLength(CAMERA.fx, 1.02, 0.006, -0.01)
     write_remembered_sensor(memory, replace(LEARNED, focal_length=focal_length))
-    outcome = run_in_process(capfd, "calibrate", "--save-learned", *FILE)
+    outcome = kinect_vo("calibrate", "--save-learned", *FILE)
     assert (outcome.code, outcome.err) == (0, "")
     assert f"serial: {SERIAL}, factor on fx and fy: 1.02\n" in outcome.out
     saved = read_calibration(Path("camera.toml"))
@@ -72,11 +71,11 @@ def test_fx_and_fy_are_multiplied_by_the_learned_factor(memory: Path, capfd: Cap
 
 
 def test_a_focal_length_learned_with_other_intrinsics_is_not_written(
-    memory: Path, capfd: Capture
+    memory: Path, kinect_vo: KinectVo
 ) -> None:
     focal_length = RememberedFocalLength(525.0, 1.02, 0.006, -0.01)
     write_remembered_sensor(memory, replace(LEARNED, focal_length=focal_length))
-    outcome = run_in_process(capfd, "calibrate", "--save-learned", *FILE)
+    outcome = kinect_vo("calibrate", "--save-learned", *FILE)
     assert outcome.code == 0
     assert "fx and fy are unchanged: the focal length was learned with fx = 525.00" in outcome.err
     assert read_calibration(Path("camera.toml")).fx == CAMERA.fx
@@ -99,25 +98,25 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
-def test_a_mistake_is_one_line(mistake: str, memory: Path, capfd: Capture) -> None:
+def test_a_mistake_is_one_line(mistake: str, memory: Path, kinect_vo: KinectVo) -> None:
     learned, arguments, message = MISTAKES[mistake]
     for timing in learned:
         write_remembered_sensor(memory, timing)
-    outcome = run_in_process(capfd, "calibrate", "--save-learned", *arguments)
+    outcome = kinect_vo("calibrate", "--save-learned", *arguments)
     assert (outcome.code, outcome.out) == (2, "")
     assert message in outcome.err
     assert outcome.err.count("\n") == 1
     assert read_calibration(Path("camera.toml")) == CAMERA
 
 
-def test_a_damaged_file_is_a_warning(memory: Path, capfd: Capture) -> None:
+def test_a_damaged_file_is_a_warning(memory: Path, kinect_vo: KinectVo) -> None:
     write_remembered_sensor(memory, LEARNED)
     (memory / "B2.toml").write_text("nonsense")
-    outcome = run_in_process(capfd, "calibrate", "--save-learned", *FILE)
+    outcome = kinect_vo("calibrate", "--save-learned", *FILE)
     assert outcome.code == 0
     assert "B2.toml:1: not TOML" in outcome.err
 
 
-def test_a_serial_alone_chooses_nothing(memory: Path, capfd: Capture) -> None:
-    outcome = run_in_process(capfd, "calibrate", "--serial", SERIAL)
+def test_a_serial_alone_chooses_nothing(memory: Path, kinect_vo: KinectVo) -> None:
+    outcome = kinect_vo("calibrate", "--serial", SERIAL)
     assert "add --save-learned" in outcome.err

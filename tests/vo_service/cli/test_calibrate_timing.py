@@ -17,13 +17,12 @@ from drivers.calibration import (
 from drivers.camera import RgbdFrame
 from drivers.recording.frame_recorder import FrameRecorder
 from drivers.tum.writer import TumFolder
-from tests.vo_service.cli.cli_runner import run_in_process
+from tests.vo_service.cli.cli_runner import KinectVo
 from tests.vo_service.odometry.direct.rolling_shutter_views import add_noise, render_view
 from tests.vo_service.odometry.direct.swinging_camera import SwingingCamera
 
 pytestmark = pytest.mark.slow
 
-Capture = pytest.CaptureFixture[str]
 READOUT_S, LATE_S = 0.017, -0.004
 
 
@@ -64,11 +63,9 @@ def write_camera(recording: Path, **timing: Any) -> CameraCalibration:
     return camera
 
 
-def test_a_shaken_camera_gives_its_timing_with_sigmas(recording: Path, capfd: Capture) -> None:
+def test_a_shaken_camera_gives_its_timing_with_sigmas(recording: Path, kinect_vo: KinectVo) -> None:
     camera = write_camera(recording, depth_offset_sigma_s=0.02)
-    outcome = run_in_process(
-        capfd, "calibrate", "--timing", recording, "--camera-file", "sensor.toml"
-    )
+    outcome = kinect_vo("calibrate", "--timing", recording, "--camera-file", "sensor.toml")
     assert (outcome.code, outcome.error_lines) == (0, "")
     assert outcome.out.startswith("frames: 30\n")
     assert "0.0 ± 30.0 ms" in outcome.out
@@ -86,13 +83,13 @@ def test_a_shaken_camera_gives_its_timing_with_sigmas(recording: Path, capfd: Ca
 
 
 def test_the_recording_of_a_kinect_is_combined_with_the_usual_values(
-    recording: Path, capfd: Capture
+    recording: Path, kinect_vo: KinectVo
 ) -> None:
     write_camera(
         recording, readout_s=KINECT_READOUT_S, readout_sigma_s=0.004, depth_offset_sigma_s=0.005
     )
-    outcome = run_in_process(
-        capfd, "calibrate", "--timing", recording, "--camera-file", "sensor.toml", "--json"
+    outcome = kinect_vo(
+        "calibrate", "--timing", recording, "--camera-file", "sensor.toml", "--json"
     )
     readout = json.loads(outcome.out)["readout_s"]
     assert readout["before"] == {"value_s": KINECT_READOUT_S, "sigma_s": 0.004}
@@ -101,11 +98,9 @@ def test_the_recording_of_a_kinect_is_combined_with_the_usual_values(
     assert read_calibration(Path("sensor.toml")).readout_s == readout["now"]["value_s"]
 
 
-def test_values_that_are_known_better_are_kept(recording: Path, capfd: Capture) -> None:
+def test_values_that_are_known_better_are_kept(recording: Path, kinect_vo: KinectVo) -> None:
     write_camera(recording, readout_s=0.018, readout_sigma_s=0.0005)
-    outcome = run_in_process(
-        capfd, "calibrate", "--timing", recording, "--camera-file", "sensor.toml"
-    )
+    outcome = kinect_vo("calibrate", "--timing", recording, "--camera-file", "sensor.toml")
     assert outcome.code == 0
     found = read_calibration(Path("sensor.toml"))
     assert (found.readout_s, found.readout_sigma_s) == (0.018, 0.0005)
@@ -113,11 +108,11 @@ def test_values_that_are_known_better_are_kept(recording: Path, capfd: Capture) 
 
 
 def test_a_camera_at_rest_is_rejected_and_nothing_is_written(
-    tmp_path: Path, capfd: Capture
+    tmp_path: Path, kinect_vo: KinectVo
 ) -> None:
     folder = record(tmp_path / "still", is_moving=False)
     text = (folder / CAMERA_FILE_NAME).read_text()
-    outcome = run_in_process(capfd, "calibrate", "--timing", folder, "--json")
+    outcome = kinect_vo("calibrate", "--timing", folder, "--json")
     assert (outcome.code, outcome.out) == (1, "")
     assert outcome.err.startswith("kinect-vo: error: nothing is saved: the camera moved too slowly")
     assert "readout 0.0 ± 30.0 ms (known: 0.0 ± 30.0 ms)" in outcome.err
@@ -126,13 +121,13 @@ def test_a_camera_at_rest_is_rejected_and_nothing_is_written(
 
 
 def test_a_live_camera_is_observed_for_a_minute_at_most(
-    recording: Path, monkeypatch: pytest.MonkeyPatch, capfd: Capture
+    recording: Path, monkeypatch: pytest.MonkeyPatch, kinect_vo: KinectVo
 ) -> None:
     # 22 of the frames are seen within this time.
     monkeypatch.setattr("vo_service.tools.calibration.timing_measurement.CAPTURE_DURATION_S", 0.71)
     write_camera(recording)
     camera = ("--camera", f"tum:{recording}", "--camera-file", "sensor.toml")
-    result = json.loads(run_in_process(capfd, "calibrate", "--timing", *camera, "--json").out)
+    result = json.loads(kinect_vo("calibrate", "--timing", *camera, "--json").out)
     assert (result["camera_file"], result["frames"]) == ("sensor.toml", 22)
     assert result["kept"] == str(Path("sensor.toml.bak").resolve())
 
@@ -149,19 +144,19 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
-def test_a_mistake_is_one_line(mistake: str, capfd: Capture) -> None:
+def test_a_mistake_is_one_line(mistake: str, kinect_vo: KinectVo) -> None:
     arguments, message = MISTAKES[mistake]
-    outcome = run_in_process(capfd, "calibrate", "--timing", *arguments)
+    outcome = kinect_vo("calibrate", "--timing", *arguments)
     assert (outcome.code, outcome.out) == (2, "")
     assert outcome.err.count("\n") == 1
     assert message in outcome.err
 
 
 def test_an_offset_that_the_stamps_may_contain_is_not_added(
-    recording: Path, capfd: Capture
+    recording: Path, kinect_vo: KinectVo
 ) -> None:
     camera = replace(read_calibration(recording / CAMERA_FILE_NAME), depth_offset_s=0.004)
     Path("sensor.toml").write_text(format_calibration(camera))
-    outcome = run_in_process(capfd, "calibrate", "--timing", recording, "--output", "sensor.toml")
+    outcome = kinect_vo("calibrate", "--timing", recording, "--output", "sensor.toml")
     assert outcome.code == 2
     assert "sensor.toml: depth_offset_s = 0.004 may be in the stamps of" in outcome.err

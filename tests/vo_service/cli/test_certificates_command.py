@@ -4,15 +4,13 @@ from pathlib import Path
 
 import pytest
 
-from tests.vo_service.cli.cli_runner import run_in_process
+from tests.vo_service.cli.cli_runner import KinectVo
 
 
 @pytest.mark.subprocess
-def test_the_purpose_of_each_file_is_printed(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_the_purpose_of_each_file_is_printed(tmp_path: Path, kinect_vo: KinectVo) -> None:
     names = ("--host", "localhost", "--robot", "robot1", "--reader", "tablet", "--operator", "desk")
-    outcome = run_in_process(capfd, "certificates", tmp_path / "keys", *names)
+    outcome = kinect_vo("certificates", tmp_path / "keys", *names)
     assert outcome.code == 0
     assert (
         f'{tmp_path}/keys/robot1: beside fleet-robot.json5 on the robot with prefix = "robot1"'
@@ -34,9 +32,9 @@ def test_the_purpose_of_each_file_is_printed(
     ],
 )
 def test_an_error_is_one_line_and_creates_nothing(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str], names: tuple[str, ...], words: str
+    tmp_path: Path, kinect_vo: KinectVo, names: tuple[str, ...], words: str
 ) -> None:
-    outcome = run_in_process(capfd, "certificates", tmp_path / "keys", *names)
+    outcome = kinect_vo("certificates", tmp_path / "keys", *names)
     assert outcome.code == 2
     assert words in outcome.err
     assert outcome.err.count("\n") == 1

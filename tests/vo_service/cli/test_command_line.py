@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.vo_service.cli.cli_runner import run_in_process
+from tests.vo_service.cli.cli_runner import KinectVo
 from tests.vo_service.service_process import KINECT_VO
 from vo_service.cli import command_line, warm_up
 from vo_service.cli.command_line import COMMANDS
@@ -28,10 +28,8 @@ def test_help_names_every_command_with_examples_and_exit_codes() -> None:
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_each_command_has_help_with_an_example(
-    command: str, capfd: pytest.CaptureFixture[str]
-) -> None:
-    outcome = run_in_process(capfd, command, "--help")
+def test_each_command_has_help_with_an_example(command: str, kinect_vo: KinectVo) -> None:
+    outcome = kinect_vo(command, "--help")
     assert (outcome.code, outcome.error_lines) == (0, "")
     assert f"examples:\n  kinect-vo {command}" in outcome.out
 
@@ -42,71 +40,67 @@ def test_the_version_is_the_packages() -> None:
     assert (done.returncode, done.stdout) == (0, f"kinect-vo {version('kinect-vo')}\n")
 
 
-def test_two_calls_in_one_process_print_everything_once(capfd: pytest.CaptureFixture[str]) -> None:
+def test_two_calls_in_one_process_print_everything_once(kinect_vo: KinectVo) -> None:
     for _ in range(2):
-        outcome = run_in_process(capfd, "replay", "none", "--no-publish")
+        outcome = kinect_vo("replay", "none", "--no-publish")
         assert outcome.err == "kinect-vo: error: none: no such folder; check the path\n"
 
 
-def test_a_call_restores_the_log(capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_call_restores_the_log(kinect_vo: KinectVo) -> None:
     root = logging.getLogger()
     before = (root.level, list(root.handlers))
-    run_in_process(capfd, "config", "check", "none.toml", "--verbose")
+    kinect_vo("config", "check", "none.toml", "--verbose")
     assert (root.level, list(root.handlers)) == before
 
 
-def test_a_call_restores_the_signal_handlers(
-    recording: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_call_restores_the_signal_handlers(recording: Path, kinect_vo: KinectVo) -> None:
     before = (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM))
-    run_in_process(capfd, "replay", recording, "--no-publish")
+    kinect_vo("replay", recording, "--no-publish")
     assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == before
 
 
 @pytest.mark.zenoh
-def test_a_valid_configuration_is_reported_as_valid(
-    config: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    outcome = run_in_process(capfd, "config", "check", config)
+def test_a_valid_configuration_is_reported_as_valid(config: Path, kinect_vo: KinectVo) -> None:
+    outcome = kinect_vo("config", "check", config)
     assert (outcome.code, outcome.out, outcome.err) == (0, f"{config}: no mistakes\n", "")
 
 
-def test_warm_up_reports_its_end(capfd: pytest.CaptureFixture[str]) -> None:
-    outcome = run_in_process(capfd, "warm-up")
+def test_warm_up_reports_its_end(kinect_vo: KinectVo) -> None:
+    outcome = kinect_vo("warm-up")
     assert (outcome.code, outcome.error_lines) == (0, "")
     assert outcome.out.startswith("the kernels of direct and of maps are ready (")
 
 
 @pytest.mark.parametrize("enabled", ["true", "false"])
 def test_warm_up_compiles_loop_closure_if_there_is_a_map(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, enabled: str
+    tmp_path: Path, kinect_vo: KinectVo, monkeypatch: pytest.MonkeyPatch, enabled: str
 ) -> None:
     config, compiled = tmp_path / "kinect.toml", list[str]()
     config.write_text(f"schema = 1\n[map]\nenabled = {enabled}\n")
     monkeypatch.setattr(warm_up, "compile_kernels", lambda parts, *_: compiled.extend(parts))
-    outcome = run_in_process(capfd, "warm-up", "--config", config)
+    outcome = kinect_vo("warm-up", "--config", config)
     assert (outcome.code, outcome.error_lines) == (0, "")
     is_enabled = enabled == "true"
     assert (" and of maps " in outcome.out, "loop closure" in compiled) == (is_enabled, is_enabled)
 
 
 def test_warm_up_with_first_compiles_only_what_the_first_pose_needs(
-    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    kinect_vo: KinectVo, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     compiled: list[str] = []
     monkeypatch.setattr(warm_up, "compile_kernels", lambda parts, *_: compiled.extend(parts))
-    assert run_in_process(capfd, "warm-up", "--first").code == 0
+    assert kinect_vo("warm-up", "--first").code == 0
     assert compiled == ["direct", "depth packing", "virtual Kinect"]
 
 
-def test_warm_up_for_an_unknown_processor_is_one_line(capfd: pytest.CaptureFixture[str]) -> None:
-    outcome = run_in_process(capfd, "warm-up", "--for", "pentium-9")
+def test_warm_up_for_an_unknown_processor_is_one_line(kinect_vo: KinectVo) -> None:
+    outcome = kinect_vo("warm-up", "--for", "pentium-9")
     assert outcome.code == 2
     assert re.search(r"^.*--for pentium-9: no processor .*; name x86-64-v2.*\n$", outcome.err)
 
 
 def test_warm_up_for_a_processor_compiles_into_the_environment(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, kinect_vo: KinectVo, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name in ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "NUMBA_CACHE_DIR", "CACHE_DIRECTORY"):
         monkeypatch.setenv(name, "")  # and restored afterwards
@@ -117,7 +111,7 @@ def test_warm_up_for_a_processor_compiles_into_the_environment(
     monkeypatch.setattr(
         warm_up, "compile_kernels", lambda *_: noted_before.append((folder / "processor").exists())
     )
-    assert run_in_process(capfd, "warm-up", "--for", "cortex-a72").code == 0
+    assert kinect_vo("warm-up", "--for", "cortex-a72").code == 0
     assert noted_before == [False]
     assert (folder / "processor").read_text() == "cortex-a72\n"
     assert Path(os.environ["NUMBA_CACHE_DIR"]).parent == folder
@@ -138,20 +132,9 @@ def test_a_closed_reader_is_no_error() -> None:
 
 
 @pytest.mark.subprocess
-def test_a_full_disk_under_standard_output_is_one_line() -> None:
-    with Path("/dev/full").open("w") as full:
-        done = subprocess.run(
-            [KINECT_VO, "udev", "show"],
-            stdout=full, stderr=subprocess.PIPE, text=True, timeout=100, check=False,
-        )  # fmt: skip
-    assert done.returncode == 1
-    assert done.stderr.startswith("kinect-vo: error: standard output: No space left on device")
-    assert done.stderr.count("\n") == 1
-
-
-@pytest.mark.subprocess
-def test_help_onto_a_full_disk_is_one_line() -> None:
-    done = _in_shell("exec >/dev/full", "--help")
+@pytest.mark.parametrize("arguments", [("udev", "show"), ("--help",)])
+def test_a_full_disk_under_standard_output_is_one_line(arguments: tuple[str, ...]) -> None:
+    done = _in_shell("exec >/dev/full", *arguments)
     assert done.returncode == 1
     assert done.stderr.startswith("kinect-vo: error: standard output: No space left on device")
     assert done.stderr.count("\n") == 1
@@ -166,10 +149,7 @@ def test_help_onto_a_full_disk_is_one_line() -> None:
     ],
 )
 def test_only_an_error_of_standard_output_is_said_to_be_one(
-    error: OSError,
-    message: str,
-    capfd: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    error: OSError, message: str, kinect_vo: KinectVo, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(args: object) -> int:
         raise error
@@ -179,7 +159,7 @@ def test_only_an_error_of_standard_output_is_said_to_be_one(
         patch.setattr(
             command_line, "_discard_buffered_output", lambda: None
         )  # else nothing is captured
-        outcome = run_in_process(capfd, "udev", "show")
+        outcome = kinect_vo("udev", "show")
     assert (outcome.code, outcome.out) == (1, "")
     assert outcome.err.startswith(f"kinect-vo: error: {message}")
 
@@ -192,7 +172,7 @@ def test_without_standard_streams_it_does_the_same(closed: str) -> None:
 
 
 def test_a_missing_cache_folder_is_one_line(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, kinect_vo: KinectVo, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     in_the_way = tmp_path / f"kinect-vo-{os.getuid()}"
     in_the_way.touch()
@@ -200,7 +180,7 @@ def test_a_missing_cache_folder_is_one_line(
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     for name in ("NUMBA_CACHE_DIR", "CACHE_DIRECTORY", "XDG_CACHE_HOME"):
         monkeypatch.delenv(name, raising=False)
-    outcome = run_in_process(capfd, "config", "check", "none.toml")
+    outcome = kinect_vo("config", "check", "none.toml")
     assert outcome.code == 1
     assert outcome.err.startswith("kinect-vo: error: no folder is writable")
     assert outcome.err.count("\n") == 1
@@ -216,14 +196,12 @@ def _in_shell(first: str, *arguments: object) -> "subprocess.CompletedProcess[st
 
 
 def test_a_log_line_replaces_the_progress(
-    copy_recording: Callable[..., Path],
-    capfd: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    copy_recording: Callable[..., Path], kinect_vo: KinectVo, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
     recording = copy_recording()
     max((recording / "depth").iterdir()).write_bytes(b"")
-    outcome = run_in_process(capfd, "replay", recording, "--no-publish")
+    outcome = kinect_vo("replay", recording, "--no-publish")
     warnings = [line for line in outcome.err.split("\r\x1b[K") if "is skipped" in line]
     assert warnings
     assert all(line.startswith("kinect-vo: warning: ") for line in warnings)
@@ -234,25 +212,22 @@ def test_a_log_line_replaces_the_progress(
     ("interruption", "code"), [(KeyboardInterrupt(), 130), (InterruptedBySignal(143), 143)]
 )
 def test_a_signal_during_the_start_prints_no_traceback(
-    interruption: KeyboardInterrupt,
-    code: int,
-    capfd: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    interruption: KeyboardInterrupt, code: int, kinect_vo: KinectVo, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def interrupt(name: str) -> None:
         raise interruption
 
     monkeypatch.setattr("importlib.import_module", interrupt)
-    outcome = run_in_process(capfd, "replay", "room")
+    outcome = kinect_vo("replay", "room")
     assert (outcome.code, outcome.out, outcome.err) == (code, "", "")
 
 
 @pytest.mark.parametrize("arguments", [("replay", "a\nb\x1bc"), ("replay", "a\nb\x1bc", "--x"),
                                        ("replay", ".", "--pace", "a\nb\x1bc")])  # fmt: skip
 def test_an_error_is_one_line_whatever_a_name_holds(
-    arguments: tuple[str, ...], capfd: pytest.CaptureFixture[str]
+    arguments: tuple[str, ...], kinect_vo: KinectVo
 ) -> None:
-    outcome = run_in_process(capfd, *arguments)
+    outcome = kinect_vo(*arguments)
     assert outcome.code == 2
     assert outcome.err.count("\n") == 1
     assert "\x1b" not in outcome.err

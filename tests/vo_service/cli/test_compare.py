@@ -18,7 +18,7 @@ from drivers.core.config import read_toml
 from tests.conftest import FRAMES
 from tests.forked_process import ForkedProcess
 from tests.resource_leaks import child_pids_of, command_line_of, find_child_running, is_alive
-from tests.vo_service.cli.cli_runner import run_in_process
+from tests.vo_service.cli.cli_runner import KinectVo
 from tests.vo_service.tools.compare.faulty_methods import make_faulty_factories
 from tests.waiting import wait_until
 from vo_service.cli import compare
@@ -32,17 +32,14 @@ from vo_service.tools.compare.report import report_folder
 pytestmark = [pytest.mark.subprocess, pytest.mark.usefixtures("forked_runs")]
 
 CopyRecording = Callable[..., Path]
-Capture = pytest.CaptureFixture[str]
 CHILD = "vo_service.tools.compare.worker_main:run_comparison"
 
 
 def test_a_comparison_gives_a_report_and_the_poses_of_a_replay(
-    recording: Path, tmp_path: Path, capfd: Capture
+    recording: Path, tmp_path: Path, kinect_vo: KinectVo
 ) -> None:
     output = tmp_path / "report"
-    done = run_in_process(
-        capfd, "compare", recording, "--methods", "surf", "--output", output, "--json"
-    )
+    done = kinect_vo("compare", recording, "--methods", "surf", "--output", output, "--json")
     assert (done.code, done.error_lines) == (0, "")
     assert json.loads(done.out) == json.loads((output / "report.json").read_text())
     surf = json.loads(done.out)["sequences"][0]["methods"]["surf"]
@@ -56,22 +53,18 @@ def test_a_comparison_gives_a_report_and_the_poses_of_a_replay(
     assert 0 < surf["cpu_ms_median"] <= surf["cpu_ms_p99"]
     assert (output / "report.html").stat().st_size > 10_000
     replayed = tmp_path / "replayed.txt"
-    run_in_process(
-        capfd, "replay", recording, "--method", "surf", "--no-publish", "--trajectory", replayed
-    )
+    kinect_vo("replay", recording, "--method", "surf", "--no-publish", "--trajectory", replayed)
     kept = output / "runs" / recording.name / "surf" / "trajectory.txt"
     assert kept.read_bytes() == replayed.read_bytes()
 
 
 def test_a_method_without_a_pose_fails_and_names_the_reason(
-    copy_recording: CopyRecording, tmp_path: Path, capfd: Capture
+    copy_recording: CopyRecording, tmp_path: Path, kinect_vo: KinectVo
 ) -> None:
     folder = copy_recording()
     for file in (folder / "depth").iterdir():
         cv2.imwrite(str(file), np.full((240, 320), 65535, np.uint16))  # no reading at all
-    done = run_in_process(
-        capfd, "compare", folder, "--methods", "surf", "--output", tmp_path / "out", "--json"
-    )
+    done = kinect_vo("compare", folder, "--methods", "surf", "--output", tmp_path / "out", "--json")
     assert done.code == 1
     assert f"surf: none of {FRAMES} frames could be tracked; the most frequent" in done.err
 
@@ -84,12 +77,12 @@ def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("no_figures")
 def test_a_baseline_is_measured_at_each_rate_and_reported(
-    recording: Path, tmp_path: Path, capfd: Capture
+    recording: Path, tmp_path: Path, kinect_vo: KinectVo
 ) -> None:
     output = tmp_path / "out"
     method = "cv2-rgb-depth"
     options = ("--methods", method, "--against", method, "--every", 1, 3, "--frames", 10)
-    done = run_in_process(capfd, "compare", recording, *options, "--output", output, "--json")
+    done = kinect_vo("compare", recording, *options, "--output", output, "--json")
     assert (done.code, done.error_lines) == (0, "")
     content = json.loads(done.out)
     assert [(each["every"], each["frames"]) for each in content["sequences"]] == [(1, 10), (3, 4)]
@@ -105,7 +98,7 @@ def test_a_baseline_is_measured_at_each_rate_and_reported(
 
 @pytest.mark.usefixtures("no_figures")
 def test_the_terminal_shows_two_tables_per_sequence_and_a_note_of_skipped_methods(
-    recording: Path, tmp_path: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
+    recording: Path, tmp_path: Path, kinect_vo: KinectVo, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     package = BaselinePackage("nobodys_odometry", ("nobodys-odometry",))
     monkeypatch.setitem(BASELINES, "open3d-icp", package)
@@ -113,7 +106,7 @@ def test_the_terminal_shows_two_tables_per_sequence_and_a_note_of_skipped_method
         compare, "make_method_factories", make_faulty_factories(surf="go on", icp="segfault")
     )
     options = ("--methods", "surf", "icp", "open3d-icp", "--output", tmp_path / "out")
-    done = run_in_process(capfd, "compare", recording, *options)
+    done = kinect_vo("compare", recording, *options)
     assert (done.code, done.error_lines) == (
         1,
         "kinect-vo: error: corner, icp (run 2 of 2): crashed (signal 11, Segmentation fault)\n",
@@ -128,27 +121,27 @@ def test_the_terminal_shows_two_tables_per_sequence_and_a_note_of_skipped_method
 
 
 def test_all_methods_are_those_of_other_packages_too(
-    recording: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
+    recording: Path, kinect_vo: KinectVo, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(names: object, *_: object) -> None:
         raise InputError(f"asked for {names}")
 
     monkeypatch.setattr(compare, "make_method_factories", refuse)
-    done = run_in_process(capfd, "compare", recording, "--methods", "all")
+    done = kinect_vo("compare", recording, "--methods", "all")
     assert f"asked for {METHOD_NAMES}" in done.err
-    done = run_in_process(capfd, "compare", recording)
+    done = kinect_vo("compare", recording)
     assert f"asked for {tuple(METHODS)}" in done.err
 
 
 @pytest.mark.usefixtures("no_figures")
 def test_with_loop_closure_each_method_has_additional_figures(
-    recording: Path, tmp_path: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
+    recording: Path, tmp_path: Path, kinect_vo: KinectVo, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
         compare, "make_method_factories", make_faulty_factories(surf="go on", icp="segfault")
     )
     options = ("--methods", "surf", "icp", "--loop-closure", "--output", tmp_path / "out")
-    content = json.loads(run_in_process(capfd, "compare", recording, *options, "--json").out)
+    content = json.loads(kinect_vo("compare", recording, *options, "--json").out)
     methods = content["sequences"][0]["methods"]
     assert content["loop_closure"]["keyframe_database_mb"] == 100
     assert (methods["surf"]["map_keyframes"], methods["surf"]["loop_closures"]) == (1, 0)
@@ -161,13 +154,16 @@ def test_with_loop_closure_each_method_has_additional_figures(
 
 @pytest.mark.usefixtures("no_figures")
 def test_without_truth_coverage_and_cost_are_reported(
-    copy_recording: CopyRecording, tmp_path: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
+    copy_recording: CopyRecording,
+    tmp_path: Path,
+    kinect_vo: KinectVo,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(compare, "make_method_factories", make_faulty_factories(surf="lose it"))
     folder = copy_recording()
     (folder / "groundtruth.txt").unlink()
     options = ("--methods", "surf", "--output", tmp_path / "out", "--json")
-    done = run_in_process(capfd, "compare", folder, *options)
+    done = kinect_vo("compare", folder, *options)
     assert (done.code, done.error_lines) == (0, "")
     surf = json.loads(done.out)["sequences"][0]["methods"]["surf"]
     assert (surf["coverage"], surf["failed"], surf["ate_rmse_m"]) == (0.25, 9, None)
@@ -194,7 +190,7 @@ def test_without_truth_coverage_and_cost_are_reported(
 def test_invalid_input_is_one_line_before_any_run(
     copy_recording: CopyRecording,
     tmp_path: Path,
-    capfd: Capture,
+    kinect_vo: KinectVo,
     monkeypatch: pytest.MonkeyPatch,
     arguments: list[str],
     message: str,
@@ -203,26 +199,15 @@ def test_invalid_input_is_one_line_before_any_run(
     (tmp_path / "empty").mkdir()
     (tmp_path / "file").touch()
     monkeypatch.chdir(tmp_path)
-    done = run_in_process(capfd, "compare", *arguments)
+    done = kinect_vo("compare", *arguments)
     assert (done.code, done.out, done.err.count("\n")) == (2, "", 1)
     assert message in done.err
     assert {path.name for path in tmp_path.iterdir()} <= {"cache", "corner", "empty", "file"}
 
 
-def test_a_scale_from_the_truth_needs_a_truth(
-    copy_recording: CopyRecording, tmp_path: Path, capfd: Capture
-) -> None:
-    folder = copy_recording()
-    (folder / "groundtruth.txt").unlink()
-    options = ("--methods", "sfm", "--sfm-scale", "ground-truth", "--output", tmp_path / "out")
-    done = run_in_process(capfd, "compare", folder, *options)
-    assert (done.code, done.out, done.err.count("\n")) == (2, "", 1)
-    assert f"{folder}: has no groundtruth.txt, which --sfm-scale ground-truth needs" in done.err
-
-
 @pytest.mark.usefixtures("no_figures")
 def test_ctrl_c_leaves_a_report_of_finished_runs(
-    recording: Path, tmp_path: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
+    recording: Path, tmp_path: Path, kinect_vo: KinectVo, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
         compare, "make_method_factories", make_faulty_factories(surf="go on", icp="hang")
@@ -234,7 +219,7 @@ def test_ctrl_c_leaves_a_report_of_finished_runs(
         os.kill(os.getpid(), signal.SIGINT)
 
     threading.Thread(target=interrupt).start()
-    done = run_in_process(capfd, "compare", recording, "--output", tmp_path / "out", "--json")
+    done = kinect_vo("compare", recording, "--output", tmp_path / "out", "--json")
     assert (done.code, done.error_lines) == (130, "")
     methods = json.loads(done.out)["sequences"][0]["methods"]
     assert (methods["surf"]["state"], methods["icp"]["state"]) == ("done", "not run")
@@ -256,7 +241,10 @@ command_line.main(["compare", *sys.argv[2:]])
 
 
 def test_a_killed_comparison_leaves_no_process_and_resumes(
-    copy_recording: CopyRecording, tmp_path: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
+    copy_recording: CopyRecording,
+    tmp_path: Path,
+    kinect_vo: KinectVo,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     recording = copy_recording()
     (recording / "groundtruth.txt").unlink()
@@ -275,6 +263,6 @@ def test_a_killed_comparison_leaves_no_process_and_resumes(
         compare, "make_method_factories", make_faulty_factories(surf="go on", icp="go on")
     )
     monkeypatch.setattr(batch, "collect_versions", dict)
-    assert run_in_process(capfd, "compare", *options).code == 0
+    assert kinect_vo("compare", *options).code == 0
     assert result.stat().st_mtime_ns == kept
     assert (result.parents[1] / "icp" / "result.json").exists()

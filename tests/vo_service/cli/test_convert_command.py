@@ -6,59 +6,45 @@ from pathlib import Path
 
 import pytest
 
-from tests.vo_service.cli.cli_runner import run_in_process
+from tests.vo_service.cli.cli_runner import KinectVo
 
 pytestmark = pytest.mark.slow
-Outputs = pytest.CaptureFixture[str]
 
 
-def trajectory(capfd: Outputs, recording: Path) -> bytes:
+def trajectory(kinect_vo: KinectVo, recording: Path) -> bytes:
     file = recording.parent / f"{recording.name}.txt"
-    outcome = run_in_process(capfd, "replay", recording, "--no-publish", "--trajectory", file)
+    outcome = kinect_vo("replay", recording, "--no-publish", "--trajectory", file)
     assert outcome.code == 0, outcome.err
     return file.read_bytes()
 
 
 def test_every_format_gives_the_same_trajectory(
-    copy_recording: Callable[..., Path], tmp_path: Path, capfd: Outputs
+    copy_recording: Callable[..., Path], tmp_path: Path, kinect_vo: KinectVo
 ) -> None:
     folder = copy_recording()
-    expected = trajectory(capfd, folder)
+    expected = trajectory(kinect_vo, folder)
     assert expected.count(b"\n") == 12
     for name, form, options in (
         ("a.mcap", "mcap", []),
         ("a.bag", "ros1", []),
         ("a", "ros2", ["--format", "ros2"]),
     ):
-        outcome = run_in_process(capfd, "convert", folder, tmp_path / name, *options)
+        outcome = kinect_vo("convert", folder, tmp_path / name, *options)
         assert outcome.out == f"12 frames in {tmp_path / name} ({form})\n"
-        assert trajectory(capfd, tmp_path / name) == expected
-
-
-def test_a_raw_recording_gives_the_same_trajectory_as_the_folder(
-    copy_recording: Callable[..., Path], tmp_path: Path, capfd: Outputs
-) -> None:
-    folder = copy_recording()
-    camera = ["--camera", f"tum:{folder}"]
-    file = tmp_path / "new.mcap"
-    assert run_in_process(capfd, "record", *camera, "--raw", file).out == f"12 frames in {file}\n"
-    run_in_process(capfd, "record", *camera, tmp_path / "new")
-    assert trajectory(capfd, file) == trajectory(capfd, tmp_path / "new")
+        assert trajectory(kinect_vo, tmp_path / name) == expected
 
 
 def test_the_topics_are_named_and_the_true_poses_are_compared(
-    copy_recording: Callable[..., Path], tmp_path: Path, capfd: Outputs
+    copy_recording: Callable[..., Path], tmp_path: Path, kinect_vo: KinectVo
 ) -> None:
     file = tmp_path / "a.mcap"
-    run_in_process(capfd, "convert", copy_recording(), file)
-    outcome = run_in_process(
-        capfd, "replay", file, "--no-publish", "--json", "--trajectory", tmp_path / "t.txt"
+    kinect_vo("convert", copy_recording(), file)
+    outcome = kinect_vo(
+        "replay", file, "--no-publish", "--json", "--trajectory", tmp_path / "t.txt"
     )
     assert f"{file}: color /camera/rgb/image_raw/compressed, depth /camera/" in outcome.err
     replayed = json.loads(outcome.out)
-    evaluated = json.loads(
-        run_in_process(capfd, "evaluate", tmp_path / "t.txt", file, "--json").out
-    )
+    evaluated = json.loads(kinect_vo("evaluate", tmp_path / "t.txt", file, "--json").out)
     assert replayed["ate_rmse_m"] == pytest.approx(evaluated["ate_rmse_m"], abs=1e-6)
     assert evaluated["frames"] == 12
 
@@ -72,8 +58,8 @@ def test_the_topics_are_named_and_the_true_poses_are_compared(
         (["replay", "gone.mcap"], "gone.mcap: no such file; check the path"),
     ],
 )
-def test_wrong_input_is_one_line(command: list[str], message: str, capfd: Outputs) -> None:
-    outcome = run_in_process(capfd, *command)
+def test_wrong_input_is_one_line(command: list[str], message: str, kinect_vo: KinectVo) -> None:
+    outcome = kinect_vo(*command)
     assert outcome.code == 2
     assert outcome.err.startswith(f"kinect-vo: error: {message}")
     assert outcome.err.count("\n") == 1

@@ -9,7 +9,7 @@ import pytest
 from drivers.camera import PinholeCamera
 from drivers.core.geometry import read_trajectory
 from drivers.synthetic.config import SyntheticConfig
-from tests.vo_service.cli.cli_runner import run_in_process
+from tests.vo_service.cli.cli_runner import KinectVo
 from vo_service.cli import demo
 
 pytestmark = [pytest.mark.subprocess, pytest.mark.zenoh]
@@ -34,11 +34,11 @@ def short(render_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_every_frame_is_played_and_trajectory_truth_and_figure_are_written(
-    config: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    config: Path, tmp_path: Path, kinect_vo: KinectVo
 ) -> None:
     folder = tmp_path / "demo"
     options = ("--seconds", "0.5", "--no-serve", "--config", config, "--output", folder)
-    outcome = run_in_process(capfd, "demo", *options, "--json")
+    outcome = kinect_vo("demo", *options, "--json")
     assert outcome.code == 0
     figures = json.loads(outcome.out)
     assert figures["frames"] + figures["dropped"] == FRAMES
@@ -51,20 +51,20 @@ def test_every_frame_is_played_and_trajectory_truth_and_figure_are_written(
 
 
 def test_the_terminal_shows_the_results_and_their_files(
-    config: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    config: Path, tmp_path: Path, kinect_vo: KinectVo
 ) -> None:
     folder = tmp_path / "demo"
     options = ("--seconds", "0.5", "--no-serve", "--config", config, "--output", folder)
-    outcome = run_in_process(capfd, "demo", *options)
+    outcome = kinect_vo("demo", *options)
     output = outcome.out + outcome.err
     for words in ("kinect-vo listen", f"results: {folder}", "ATE, RMSE", "latency"):
         assert words in output
 
 
 def test_an_output_folder_that_cannot_be_created_is_one_line_before_rendering(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    tmp_path: Path, kinect_vo: KinectVo
 ) -> None:
     (tmp_path / "file").touch()
-    outcome = run_in_process(capfd, "demo", "--output", tmp_path / "file" / "demo")
+    outcome = kinect_vo("demo", "--output", tmp_path / "file" / "demo")
     assert (outcome.code, outcome.err.count("\n")) == (2, 1)
     assert "demo: cannot be written: Not a directory" in outcome.err

@@ -9,7 +9,7 @@ from drivers.kinect_usb.usb_ids import SensorModel
 from drivers.openni2.device import DetectedDevice
 from tests.simulators.kinect_simulator import KinectModel as Played
 from tests.simulators.kinect_simulator import KinectSimulator, simulator_environment
-from tests.vo_service.cli.cli_runner import run_in_process
+from tests.vo_service.cli.cli_runner import KinectVo
 from tests.vo_service.tools.doctor.doctor_fakes import make_sensor
 from vo_service.tools.doctor.device_list import OpenNI2Listing, list_available_devices
 from vo_service.tools.doctor.usb_probe import OpenError
@@ -35,10 +35,10 @@ def plug_in(
 
 @pytest.mark.subprocess
 def test_each_kinect_is_listed_with_its_camera_argument(
-    plug_in: Callable[..., list[KinectSimulator]], capfd: pytest.CaptureFixture[str]
+    plug_in: Callable[..., list[KinectSimulator]], kinect_vo: KinectVo
 ) -> None:
     kinects = plug_in(Played.K1414, Played.K1473)
-    outcome = run_in_process(capfd, "devices")
+    outcome = kinect_vo("devices")
     assert outcome.code == 0
     assert outcome.out.splitlines() == [
         f"--camera freenect:{kinects[0].serial}  Kinect 1414, bus 1 port 1.2",
@@ -48,11 +48,11 @@ def test_each_kinect_is_listed_with_its_camera_argument(
 
 @pytest.mark.subprocess
 def test_the_json_has_the_same_with_stable_keys(
-    plug_in: Callable[..., list[KinectSimulator]], capfd: pytest.CaptureFixture[str]
+    plug_in: Callable[..., list[KinectSimulator]], kinect_vo: KinectVo
 ) -> None:
     (kinect,) = plug_in(Played.K1414)
     kinect.deny_access()
-    outcome = run_in_process(capfd, "devices", "--json")
+    outcome = kinect_vo("devices", "--json")
     assert json.loads(outcome.out) == {
         "schema": 1,
         "devices": [
@@ -70,11 +70,11 @@ def test_the_json_has_the_same_with_stable_keys(
 
 @pytest.mark.subprocess
 def test_without_a_sensor_there_is_advice(
-    plug_in: Callable[..., list[KinectSimulator]], capfd: pytest.CaptureFixture[str]
+    plug_in: Callable[..., list[KinectSimulator]], kinect_vo: KinectVo
 ) -> None:
     (kinect,) = plug_in(Played.K1414)
     kinect.unplug()
-    outcome = run_in_process(capfd, "devices")
+    outcome = kinect_vo("devices")
     assert (outcome.code, outcome.error_lines) == (0, "")
     assert "plug one in" in outcome.out
     assert "--camera synthetic" in outcome.out

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drivers.core import InputError
-from tests.vo_service.cli.cli_runner import run_in_process
+from tests.vo_service.cli.cli_runner import KinectVo
 from tests.vo_service.navigation.views import mounted
 from vo_service.cli.grid import FILES, GridRequest, _with_mounting, run
 from vo_service.config import Config
@@ -46,8 +46,8 @@ def test_a_map_that_is_there_is_not_replaced(tmp_path: Path, recording: Path, na
     [("--camera-height", "nan"), ("--camera-tilt", "nan"), ("--camera-tilt", "95")],
 )
 def test_a_place_that_no_camera_has_is_refused(
-    capfd: pytest.CaptureFixture[str], option: str, value: str
+    kinect_vo: KinectVo, option: str, value: str
 ) -> None:
-    outcome = run_in_process(capfd, "grid", "recording", "map", option, value)
+    outcome = kinect_vo("grid", "recording", "map", option, value)
     assert outcome.code == 2
     assert f"argument {option}: {value} is not a" in outcome.error_lines

@@ -18,7 +18,7 @@ from tests.simulators.kinect_simulator import KinectSimulator, LoopMode
 from tests.simulators.oni_writer import frames_to_oni_images, write_oni
 from tests.simulators.raw_depth import NOMINAL, raw_to_mm
 from tests.simulators.usb_frames import ColorBgr, DepthMm, write_usb_frames
-from tests.vo_service.cli.cli_runner import count_lines, run_in_process, running_subprocess
+from tests.vo_service.cli.cli_runner import KinectVo, count_lines, running_subprocess
 from tests.vo_service.corner_sequence import RATE_HZ, corner_frames, make_corner_kinect
 from tests.vo_service.service_process import ONLY_POSES_CONFIG
 from tests.waiting import wait_until
@@ -39,13 +39,13 @@ def frames() -> list[RgbdFrame]:
 
 
 @pytest.fixture
-def replayed(frames: list[RgbdFrame], tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> Path:
+def replayed(frames: list[RgbdFrame], tmp_path: Path, kinect_vo: KinectVo) -> Path:
     """The trajectory that a replay of the folder writes."""
     folder, trajectory = tmp_path / "folder", tmp_path / "replayed.txt"
     with FrameRecorder(TumFolder(folder)) as writer:
         for frame in frames:
             writer.write(frame)
-    run_in_process(capfd, "replay", folder, "--no-publish", "--trajectory", trajectory)
+    kinect_vo("replay", folder, "--no-publish", "--trajectory", trajectory)
     return trajectory
 
 

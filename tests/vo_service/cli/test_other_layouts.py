@@ -13,10 +13,9 @@ from drivers.camera import PinholeCamera
 from drivers.core.geometry import nearest_indices
 from drivers.registry import open_camera
 from tests.drivers.layouts.layout_writers import WRITERS, Frame
-from tests.vo_service.cli.cli_runner import run_in_process
+from tests.vo_service.cli.cli_runner import KinectVo
 
 pytestmark = pytest.mark.slow
-Outputs = pytest.CaptureFixture[str]
 FRAMES = 12
 ICL_NUIM = PinholeCamera(640, 480, 481.2, 480.0, 319.5, 239.5)
 
@@ -45,9 +44,9 @@ def icl_nuim(rendered: list[Frame], tmp_path: Path) -> Path:
 
 
 def test_a_scene_in_icl_nuims_layout_replays_with_the_right_trajectory(
-    icl_nuim: Path, capfd: Outputs
+    icl_nuim: Path, kinect_vo: KinectVo
 ) -> None:
-    outcome = run_in_process(capfd, "replay", icl_nuim, "--no-publish", "--json")
+    outcome = kinect_vo("replay", icl_nuim, "--no-publish", "--json")
     assert outcome.code == 0, outcome.err
     assert "layout of ICL-NUIM: the benchmark's camera; depth factor 5000; stamps" in outcome.err
     figures = json.loads(outcome.out)
@@ -58,35 +57,35 @@ def test_a_scene_in_icl_nuims_layout_replays_with_the_right_trajectory(
 
 
 def test_a_converted_layout_gives_the_same_trajectory_and_evaluation(
-    icl_nuim: Path, tmp_path: Path, capfd: Outputs
+    icl_nuim: Path, tmp_path: Path, kinect_vo: KinectVo
 ) -> None:
     found = []
-    converted = run_in_process(capfd, "convert", icl_nuim, tmp_path / "tum")
+    converted = kinect_vo("convert", icl_nuim, tmp_path / "tum")
     assert converted.out == f"{FRAMES} frames in {tmp_path / 'tum'} (folder)\n"
     assert "layout of ICL-NUIM" in converted.err
     for folder in (icl_nuim, tmp_path / "tum"):
         poses = tmp_path / f"{folder.name}.txt"
-        run_in_process(capfd, "replay", folder, "--no-publish", "--trajectory", poses)
-        evaluated = run_in_process(capfd, "evaluate", poses, folder, "--json")
+        kinect_vo("replay", folder, "--no-publish", "--trajectory", poses)
+        evaluated = kinect_vo("evaluate", poses, folder, "--json")
         found.append((poses.read_bytes(), json.loads(evaluated.out)["ate_rmse_m"]))
     assert found[0][0] == found[1][0]
     assert found[0][1] == pytest.approx(found[1][1], abs=1e-6)
 
 
-def test_the_recordings_own_files_are_not_overwritten(icl_nuim: Path, capfd: Outputs) -> None:
+def test_the_recordings_own_files_are_not_overwritten(icl_nuim: Path, kinect_vo: KinectVo) -> None:
     truth = icl_nuim / "livingRoom2.gt.freiburg"
     before = truth.read_bytes()
-    outcome = run_in_process(capfd, "replay", icl_nuim, "--no-publish", "--trajectory", truth)
+    outcome = kinect_vo("replay", icl_nuim, "--no-publish", "--trajectory", truth)
     assert (outcome.code, outcome.out) == (2, "")
     assert f"{truth}: belongs to the recording" in outcome.err
     assert truth.read_bytes() == before
 
 
 def test_seven_scenes_depth_is_registered_when_it_is_converted(
-    rendered: list[Frame], tmp_path: Path, capfd: Outputs
+    rendered: list[Frame], tmp_path: Path, kinect_vo: KinectVo
 ) -> None:
     WRITERS["7-Scenes"](tmp_path / "scene", rendered[:2])
-    converted = run_in_process(capfd, "convert", tmp_path / "scene", tmp_path / "tum")
+    converted = kinect_vo("convert", tmp_path / "scene", tmp_path / "tum")
     assert "uncalibrated depth registered by the usual geometry of a Kinect" in converted.err
     (depth_file, *_) = sorted((tmp_path / "tum/depth").iterdir())
     registered = cv2.imread(str(depth_file), cv2.IMREAD_UNCHANGED)
@@ -96,11 +95,11 @@ def test_seven_scenes_depth_is_registered_when_it_is_converted(
 
 
 def test_a_folder_that_lacks_a_part_is_one_line(
-    icl_nuim: Path, tmp_path: Path, capfd: Outputs
+    icl_nuim: Path, tmp_path: Path, kinect_vo: KinectVo
 ) -> None:
     (icl_nuim / "associations.txt").unlink()
     for command in (["replay", icl_nuim], ["convert", icl_nuim, tmp_path / "out.mcap"]):
-        outcome = run_in_process(capfd, *command)
+        outcome = kinect_vo(*command)
         assert (outcome.code, outcome.out, outcome.err.count("\n")) == (2, "", 1)
         assert "associations.txt: no such file; a folder of ICL-NUIM holds" in outcome.err
     assert not (tmp_path / "out.mcap").exists()
@@ -110,7 +109,7 @@ CopyRecording = Callable[..., Path]
 
 
 def test_a_camera_file_in_yaml_gives_the_same_trajectory(
-    copy_recording: CopyRecording, tmp_path: Path, capfd: Outputs
+    copy_recording: CopyRecording, tmp_path: Path, kinect_vo: KinectVo
 ) -> None:
     folder = copy_recording()
     toml = dict(
@@ -125,9 +124,7 @@ def test_a_camera_file_in_yaml_gives_the_same_trajectory(
     found: list[bytes] = []
     for options in ([], ["--camera-file", str(yaml)]):
         poses = tmp_path / f"{len(found)}.txt"
-        outcome = run_in_process(
-            capfd, "replay", folder, "--no-publish", "--trajectory", poses, *options
-        )
+        outcome = kinect_vo("replay", folder, "--no-publish", "--trajectory", poses, *options)
         assert outcome.code == 0, outcome.err
         found.append(poses.read_bytes())
     assert found[0] == found[1]

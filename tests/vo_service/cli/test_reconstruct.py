@@ -14,7 +14,7 @@ from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, read_trajectory
 from tests.conftest import FRAMES
 from tests.full_disk import limit_file_size
-from tests.vo_service.cli.cli_runner import CommandResult, run_in_process
+from tests.vo_service.cli.cli_runner import KinectVo, assert_one_line
 from tests.vo_service.odometry.synthetic_views import FLOOR, WALL
 from tests.vo_service.reconstruction.ply_reader import read_ply
 from vo_service.reconstruction.reconstructor import Reconstructor
@@ -29,14 +29,6 @@ def names(folder: Path) -> list[str]:
     """Of its files; the compiled kernels' cache apart."""
     there = folder.iterdir() if folder.exists() else ()
     return sorted(path.name for path in there if path.name != "cache")
-
-
-def assert_one_line(outcome: CommandResult, message: str, code: int = 2) -> None:
-    *progress, error = outcome.err.splitlines()
-    assert (outcome.code, outcome.out) == (code, "")
-    assert all(line.startswith("kinect-vo: info: ") for line in progress)  # on a slow machine
-    assert error.startswith("kinect-vo: error: ")
-    assert message in error
 
 
 def off_corner_m(points_m: Array) -> Array:
@@ -59,11 +51,11 @@ def likeness(one: Path, other: Path) -> float:
 
 @pytest.mark.rerun
 def test_a_given_trajectory_gives_a_map_in_its_world(
-    recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    recording: Path, tmp_path: Path, kinect_vo: KinectVo
 ) -> None:
     output, rerun = tmp_path / "maps" / "corner", tmp_path / "map.rrd"
     given = ("--output", output, "--rerun", rerun, "--voxel-m", 0.02)
-    outcome = run_in_process(capfd, "reconstruct", recording, recording / "groundtruth.txt", *given)
+    outcome = kinect_vo("reconstruct", recording, recording / "groundtruth.txt", *given)
     assert (outcome.code, outcome.error_lines) == (0, "")
     assert f"in the map             {FRAMES}" in outcome.out
     assert names(output) == FILES
@@ -80,11 +72,9 @@ def test_a_given_trajectory_gives_a_map_in_its_world(
 
 @pytest.mark.slow
 def test_without_a_trajectory_the_odometry_runs_and_its_trajectory_is_written(
-    recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    recording: Path, tmp_path: Path, kinect_vo: KinectVo
 ) -> None:
-    outcome = run_in_process(
-        capfd, "reconstruct", recording, "--output", tmp_path, "--json", *COARSE
-    )
+    outcome = kinect_vo("reconstruct", recording, "--output", tmp_path, "--json", *COARSE)
     assert (outcome.code, outcome.error_lines, outcome.out.count("\n")) == (0, "", 1)
     figures = json.loads(outcome.out)
     assert json.loads((tmp_path / "reconstruction.json").read_text()) == figures
@@ -98,22 +88,20 @@ def test_without_a_trajectory_the_odometry_runs_and_its_trajectory_is_written(
 
 
 def test_loop_closure_with_a_given_trajectory_is_rejected(
-    recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    recording: Path, tmp_path: Path, kinect_vo: KinectVo
 ) -> None:
     truth, output = recording / "groundtruth.txt", tmp_path / "output"
-    outcome = run_in_process(
-        capfd, "reconstruct", recording, truth, "--loop-closure", "--output", output
-    )
-    assert_one_line(outcome, f"{truth}: --loop-closure works only on the odometry's own poses")
+    outcome = kinect_vo("reconstruct", recording, truth, "--loop-closure", "--output", output)
+    assert_one_line(outcome, 2, f"{truth}: --loop-closure works only on the odometry's own poses")
     assert not output.exists()
 
 
 @pytest.mark.slow
 def test_a_full_map_is_a_warning_and_still_written(
-    recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    recording: Path, tmp_path: Path, kinect_vo: KinectVo
 ) -> None:
     tight = ("--voxel-m", 0.01, "--memory-mb", 20, "--output", tmp_path, "--json")
-    outcome = run_in_process(capfd, "reconstruct", recording, recording / "groundtruth.txt", *tight)
+    outcome = kinect_vo("reconstruct", recording, recording / "groundtruth.txt", *tight)
     # On a slow machine, progress comes besides.
     warnings = [line for line in outcome.error_lines.splitlines() if "warning: " in line]
     assert (outcome.code, len(warnings)) == (0, 1)
@@ -138,56 +126,44 @@ def test_a_full_map_is_a_warning_and_still_written(
     ],
 )
 def test_command_line_errors_are_one_line(
-    recording: Path, capfd: pytest.CaptureFixture[str], tmp_path: Path,
-    given: tuple[str, ...], message: str,
+    recording: Path, kinect_vo: KinectVo, tmp_path: Path,
+    given: tuple[str, ...], message: str
 ) -> None:  # fmt: skip
     output = () if "--output" in given else ("--output", tmp_path / "output")
-    assert_one_line(run_in_process(capfd, "reconstruct", recording, *given, *output), message)
+    assert_one_line(kinect_vo("reconstruct", recording, *given, *output), 2, message)
     assert set(names(tmp_path)) <= {"output"}
     assert names(tmp_path / "output") == []
 
 
 def test_a_trajectory_of_another_recording_is_refused(
-    recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    recording: Path, tmp_path: Path, kinect_vo: KinectVo
 ) -> None:
     other = tmp_path / "other.txt"
     other.write_text("500.0 0 0 0 0 0 0 1\n500.1 0 0 0 0 0 0 1\n")
-    outcome = run_in_process(
-        capfd, "reconstruct", recording, other, "--output", tmp_path / "output"
-    )
-    assert_one_line(outcome, f"{other}: has no pose within 20 ms of any frame of {recording}")
+    outcome = kinect_vo("reconstruct", recording, other, "--output", tmp_path / "output")
+    assert_one_line(outcome, 2, f"{other}: has no pose within 20 ms of any frame of {recording}")
     assert "(poses 500.000..500.100 s, frames 0.000..0.367 s)" in outcome.err
     assert not (tmp_path / "output").exists()
 
 
 def test_a_recording_without_depth_is_refused(
-    copy_recording: CopyRecording, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    copy_recording: CopyRecording, tmp_path: Path, kinect_vo: KinectVo
 ) -> None:
     folder = copy_recording()
     for image in (folder / "depth").iterdir():
         cv2.imwrite(str(image), np.zeros((240, 320), np.uint16))
     output = ("--output", tmp_path / "output")
-    truth = run_in_process(capfd, "reconstruct", folder, folder / "groundtruth.txt", *output)
-    assert_one_line(truth, f"no depth up to 4 m in any of {FRAMES} frames")
-    odometry = run_in_process(capfd, "reconstruct", folder, *output)
-    assert_one_line(odometry, f"none of {FRAMES} frames could be tracked", code=1)
+    truth = kinect_vo("reconstruct", folder, folder / "groundtruth.txt", *output)
+    assert_one_line(truth, 2, f"no depth up to 4 m in any of {FRAMES} frames")
+    odometry = kinect_vo("reconstruct", folder, *output)
+    assert_one_line(odometry, 1, f"none of {FRAMES} frames could be tracked")
     assert names(tmp_path / "output") == []
-
-
-def test_an_empty_folder_is_rejected_before_any_output(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "empty").mkdir()
-    output = tmp_path / "output"
-    outcome = run_in_process(capfd, "reconstruct", tmp_path / "empty", "--output", output)
-    assert_one_line(outcome, "the folder is empty")
-    assert not output.exists()
 
 
 @pytest.mark.slow
 def test_ctrl_c_writes_the_map_of_the_frames_so_far(
-    recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    recording: Path, tmp_path: Path, kinect_vo: KinectVo,
+    monkeypatch: pytest.MonkeyPatch
 ) -> None:  # fmt: skip
     add = Reconstructor.add_frame
 
@@ -198,7 +174,7 @@ def test_ctrl_c_writes_the_map_of_the_frames_so_far(
 
     monkeypatch.setattr(Reconstructor, "add_frame", interrupted)
     given = ("--output", tmp_path, "--json", *COARSE)
-    outcome = run_in_process(capfd, "reconstruct", recording, recording / "groundtruth.txt", *given)
+    outcome = kinect_vo("reconstruct", recording, recording / "groundtruth.txt", *given)
     figures = json.loads(outcome.out)
     assert (outcome.code, figures["frames"], figures["cut_short"]) == (130, 5, True)
     assert names(tmp_path) == FILES
@@ -206,8 +182,8 @@ def test_ctrl_c_writes_the_map_of_the_frames_so_far(
 
 @pytest.mark.slow
 def test_a_second_ctrl_c_ends_the_process_because_kernels_must_not_raise(
-    recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    recording: Path, tmp_path: Path, kinect_vo: KinectVo,
+    monkeypatch: pytest.MonkeyPatch
 ) -> None:  # fmt: skip
     exit_codes: list[int] = []
 
@@ -222,17 +198,17 @@ def test_a_second_ctrl_c_ends_the_process_because_kernels_must_not_raise(
     monkeypatch.setattr(Reconstructor, "finish", stop_twice)
     monkeypatch.setattr("os._exit", end_process)
     given = ("--output", tmp_path, *COARSE)
-    run_in_process(capfd, "reconstruct", recording, recording / "groundtruth.txt", *given)
+    kinect_vo("reconstruct", recording, recording / "groundtruth.txt", *given)
     assert exit_codes == [130]
     assert names(tmp_path) == []
 
 
 def test_a_full_disk_is_one_line_and_leaves_no_partial_file(
-    recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    recording: Path, tmp_path: Path, kinect_vo: KinectVo
 ) -> None:
     truth, given = recording / "groundtruth.txt", ("--output", tmp_path / "output", *COARSE)
     with limit_file_size(20_000):
-        outcome = run_in_process(capfd, "reconstruct", recording, truth, *given)
+        outcome = kinect_vo("reconstruct", recording, truth, *given)
     assert (outcome.code, outcome.out, outcome.err.count("\n")) == (1, "", 1)
     assert f"{tmp_path / 'output' / 'map.ply'}: the disk is full" in outcome.err
     assert names(tmp_path / "output") == []

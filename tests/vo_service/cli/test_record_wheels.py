@@ -11,7 +11,7 @@ from drivers.camera import Clock
 from drivers.playback.camera import RecordingCamera
 from drivers.recording.odometry import OdometryRecord
 from tests.ports import free_port, is_listening
-from tests.vo_service.cli.cli_runner import run_in_process
+from tests.vo_service.cli.cli_runner import KinectVo
 from tests.vo_service.fakes import ScriptedCamera
 from tests.vo_service.outputs.zenoh.query_helpers import connected_session
 from tests.vo_service.wheel_odometry.wheel_driver import CURVE, START_S, pose_at, wheel_message
@@ -64,11 +64,7 @@ def test_nothing_listens_unless_it_is_enabled() -> None:
 
 @pytest.mark.parametrize("name", ["drive", "drive.mcap"])
 def test_received_messages_are_written_with_the_frames(
-    recording: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capfd: pytest.CaptureFixture[str],
-    name: str,
+    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kinect_vo: KinectVo, name: str
 ) -> None:
     @contextmanager
     def receive(*_: object) -> Iterator[MessageJournal]:
@@ -78,7 +74,7 @@ def test_received_messages_are_written_with_the_frames(
         yield journal
 
     monkeypatch.setattr(record, "_receive_wheels", receive)
-    outcome = run_in_process(capfd, "record", "--camera", f"tum:{recording}", tmp_path / name)
+    outcome = kinect_vo("record", "--camera", f"tum:{recording}", tmp_path / name)
     assert outcome.code == 0, outcome.err
     camera = RecordingCamera(tmp_path / name)
     assert list(camera.recorded_odometry(["/wheel_odom"])) == PAYLOADS

@@ -23,8 +23,8 @@ from drivers.recording.recording_sink import StoredFrame
 from tests.conftest import FRAMES
 from tests.vo_service.cli.cli_runner import (
     CommandResult,
+    KinectVo,
     count_lines,
-    run_in_process,
     run_subprocess,
     running_subprocess,
     stretch_timing,
@@ -60,12 +60,12 @@ def test_only_one_json_object_is_printed(recording: Path, tmp_path: Path) -> Non
 
 
 def test_a_run_without_a_pose_fails_and_names_the_reason(
-    copy_recording: CopyRecording, capfd: pytest.CaptureFixture[str]
+    copy_recording: CopyRecording, kinect_vo: KinectVo
 ) -> None:
     folder = copy_recording()
     for file in (folder / "depth").iterdir():
         cv2.imwrite(str(file), np.full((240, 320), 65535, np.uint16))  # no reading at all
-    outcome = run_in_process(capfd, "replay", folder, "--no-publish", "--json")
+    outcome = kinect_vo("replay", folder, "--no-publish", "--json")
     assert outcome.code == 1
     assert json.loads(outcome.out)["failed"] >= FRAMES - 1
     reason = f"none of {FRAMES} frames could be tracked; the most frequent reason"
@@ -73,28 +73,28 @@ def test_a_run_without_a_pose_fails_and_names_the_reason(
 
 
 def test_without_ground_truth_its_figures_are_null(
-    copy_recording: CopyRecording, capfd: pytest.CaptureFixture[str]
+    copy_recording: CopyRecording, kinect_vo: KinectVo
 ) -> None:
     folder = copy_recording()
     (folder / "groundtruth.txt").unlink()
-    figures = json.loads(run_in_process(capfd, "replay", folder, "--no-publish", "--json").out)
+    figures = json.loads(kinect_vo("replay", folder, "--no-publish", "--json").out)
     assert (figures["frames"], figures["failed"]) == (FRAMES, 0)
     judged = [key for key in FIGURES if key.endswith(("_m", "_deg"))]
     assert [figures[key] for key in ("coverage", *judged)] == [None] * 7
 
 
-def test_the_terminal_shows_a_table(recording: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    outcome = run_in_process(capfd, "replay", recording, "--no-publish")
+def test_the_terminal_shows_a_table(recording: Path, kinect_vo: KinectVo) -> None:
+    outcome = kinect_vo("replay", recording, "--no-publish")
     assert (outcome.code, outcome.error_lines) == (0, "")
     for label in ("frames", "failed", "CPU a frame", "ATE, RMSE", "RPE, one second", "coverage"):
         assert f"\n{label}  " in f"\n{outcome.out}"
 
 
 def test_the_trajectory_starts_at_identity_and_follows_the_truth(
-    recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    recording: Path, tmp_path: Path, kinect_vo: KinectVo
 ) -> None:
     written = tmp_path / "poses.txt"
-    run_in_process(capfd, "replay", recording, "--no-publish", "--trajectory", written)
+    kinect_vo("replay", recording, "--no-publish", "--trajectory", written)
     found, truth = read_trajectory(written), read_trajectory(recording / "groundtruth.txt")
     np.testing.assert_array_equal(found.T_world_camera[0], np.eye(4))
     np.testing.assert_array_equal(found.stamps_s, truth.stamps_s)
@@ -102,25 +102,23 @@ def test_the_trajectory_starts_at_identity_and_follows_the_truth(
 
 
 def test_an_mcap_file_of_a_replay_can_be_replayed_with_its_ground_truth(
-    recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    recording: Path, tmp_path: Path, kinect_vo: KinectVo
 ) -> None:
     file = tmp_path / "room.mcap"
-    run_in_process(capfd, "replay", recording, "--no-publish", "--mcap", file)
-    outcome = run_in_process(capfd, "replay", file, "--no-publish", "--json")
+    kinect_vo("replay", recording, "--no-publish", "--mcap", file)
+    outcome = kinect_vo("replay", file, "--no-publish", "--json")
     figures = json.loads(outcome.out)
     assert (figures["frames"], figures["failed"], figures["coverage"]) == (FRAMES, 0, 1.0)
     assert "ground truth /ground_truth" in outcome.err
 
 
 def test_a_clock_that_was_set_back_loses_half_a_second_and_the_trajectory_is_sorted(
-    recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    recording: Path, tmp_path: Path, kinect_vo: KinectVo
 ) -> None:
     bag, written = tmp_path / "jump.bag", tmp_path / "poses.txt"
     count, before = 40, 20
     write_jump_bag(recording, bag, count, before)
-    outcome = run_in_process(
-        capfd, "replay", bag, "--no-publish", "--json", "--trajectory", written
-    )
+    outcome = kinect_vo("replay", bag, "--no-publish", "--json", "--trajectory", written)
     assert outcome.err.count("the clock jumps back by 100.0 s after 1000.627") == 1
     figures = json.loads(outcome.out)
     used = count - MAX_STALE_FRAMES + 1
@@ -146,21 +144,21 @@ def write_jump_bag(recording: Path, path: Path, count: int, before: int) -> None
 
 @pytest.mark.subprocess
 def test_a_replay_repeats_bit_for_bit_also_in_another_process(
-    recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    recording: Path, tmp_path: Path, kinect_vo: KinectVo
 ) -> None:
-    run_in_process(capfd, "replay", recording, "--no-publish", "--trajectory", tmp_path / "a.txt")
+    kinect_vo("replay", recording, "--no-publish", "--trajectory", tmp_path / "a.txt")
     run_subprocess("replay", recording, "--no-publish", "--trajectory", tmp_path / "b.txt")
     assert (tmp_path / "a.txt").read_bytes() == (tmp_path / "b.txt").read_bytes()
     assert count_lines(tmp_path / "a.txt") == FRAMES
 
 
 def test_an_unreadable_frame_in_the_middle_is_skipped_counted_and_reported(
-    copy_recording: CopyRecording, capfd: pytest.CaptureFixture[str]
+    copy_recording: CopyRecording, kinect_vo: KinectVo
 ) -> None:
     folder = copy_recording()
     broken = folder / "rgb" / "0.200000.png"
     broken.write_bytes(broken.read_bytes()[:500])
-    outcome = run_in_process(capfd, "replay", folder, "--no-publish", "--json")
+    outcome = kinect_vo("replay", folder, "--no-publish", "--json")
     figures = json.loads(outcome.out)
     assert (outcome.code, outcome.err.count("\n")) == (0, 1)
     assert outcome.err.startswith(f"kinect-vo: warning: frame 6 is skipped: {broken}: is truncated")
@@ -169,12 +167,12 @@ def test_an_unreadable_frame_in_the_middle_is_skipped_counted_and_reported(
 
 
 def test_a_camera_file_on_the_command_line_takes_precedence(
-    copy_recording: CopyRecording, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    copy_recording: CopyRecording, tmp_path: Path, kinect_vo: KinectVo
 ) -> None:
     folder = copy_recording()
     given = (folder / "camera.toml").rename(tmp_path / "given.toml")
-    assert run_in_process(capfd, "replay", folder, "--no-publish").code == 2
-    assert run_in_process(capfd, "replay", folder, "--no-publish", "--camera-file", given).code == 0
+    assert kinect_vo("replay", folder, "--no-publish").code == 2
+    assert kinect_vo("replay", folder, "--no-publish", "--camera-file", given).code == 0
 
 
 @pytest.mark.subprocess
@@ -197,24 +195,24 @@ def test_ctrl_c_ends_it_and_keeps_complete_lines(
 
 
 def test_a_bag_is_not_overwritten_by_its_own_outputs(
-    copy_recording: CopyRecording, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    copy_recording: CopyRecording, tmp_path: Path, kinect_vo: KinectVo
 ) -> None:
     file = tmp_path / "room.mcap"
-    run_in_process(capfd, "convert", copy_recording(), file)
+    kinect_vo("convert", copy_recording(), file)
     before = file.read_bytes()
     for option in ("--trajectory", "--optimized-trajectory", "--mcap"):
-        outcome = run_in_process(capfd, "replay", file, "--pace", "realtime", option, file)
+        outcome = kinect_vo("replay", file, "--pace", "realtime", option, file)
         message = f"kinect-vo: error: {file}: belongs to the recording; name another file\n"
         assert (outcome.code, outcome.error_lines) == (2, message)
     assert file.read_bytes() == before
 
 
 def test_a_recording_is_not_overwritten_by_its_own_trajectory(
-    copy_recording: Callable[..., Path], capfd: pytest.CaptureFixture[str]
+    copy_recording: Callable[..., Path], kinect_vo: KinectVo
 ) -> None:
     folder = copy_recording()
     before = (folder / "groundtruth.txt").read_bytes()
-    outcome = run_in_process(capfd, "replay", folder, "--trajectory", folder / "groundtruth.txt")
+    outcome = kinect_vo("replay", folder, "--trajectory", folder / "groundtruth.txt")
     assert (outcome.code, outcome.out, outcome.err.count("\n")) == (2, "", 1)
     assert (folder / "groundtruth.txt").read_bytes() == before
 
@@ -233,15 +231,11 @@ def test_eight_replays_at_once_give_the_same_trajectory(recording: Path, tmp_pat
 
 @pytest.mark.zenoh
 def test_a_default_port_in_use_is_one_log_line_and_no_error(
-    recording: Path,
-    config: Path,
-    port: int,
-    capfd: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    recording: Path, config: Path, port: int, kinect_vo: KinectVo, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(free_port, "DEFAULT_ENDPOINT", f"tcp/127.0.0.1:{port}")
     with socket.create_server(("127.0.0.1", port)):
-        outcome = run_in_process(capfd, "replay", recording, "--config", config, "--json")
+        outcome = kinect_vo("replay", recording, "--config", config, "--json")
     assert (outcome.code, json.loads(outcome.out)["frames"]) == (0, FRAMES)
     # A busy machine also tells what it waits for.
     (line,) = [line for line in outcome.err.splitlines() if " poses: " in line]

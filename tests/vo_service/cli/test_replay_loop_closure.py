@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 
 from drivers.core.geometry import read_trajectory
-from tests.vo_service.cli.cli_runner import CommandResult, run_in_process, run_subprocess
+from tests.vo_service.cli.cli_runner import CommandResult, KinectVo, run_subprocess
 from tests.vo_service.cli.loop_recording import FRAME_COUNT, write_loop_recording
 from vo_service.cli import replay
 
 pytestmark = pytest.mark.subprocess
 
 CopyRecording = Callable[..., Path]
-Capture = pytest.CaptureFixture[str]
 GIVEN = ("--method", "surf", "--no-publish", "--optimized-trajectory")
 
 
@@ -63,11 +62,11 @@ def test_loop_closure_reduces_the_trajectory_error(replayed: Replayed) -> None:
 
 @pytest.mark.slow
 def test_without_a_loss_loop_closure_does_not_change_published_and_written_poses(
-    replayed: Replayed, tmp_path: Path, capfd: Capture
+    replayed: Replayed, tmp_path: Path, kinect_vo: KinectVo
 ) -> None:
     written = tmp_path / "poses.txt"
     given = ("--method", "surf", "--no-publish", "--trajectory", written, "--json")
-    figures = json.loads(run_in_process(capfd, "replay", replayed.folder, *given).out)
+    figures = json.loads(kinect_vo("replay", replayed.folder, *given).out)
     assert figures["ate_rmse_m"] == replayed.figures["ate_rmse_m"]
     assert not {"map_keyframes", "loop_closures", "optimized_ate_rmse_m"} & set(figures)
     assert written.read_bytes() != replayed.corrected.read_bytes()
@@ -75,10 +74,10 @@ def test_without_a_loss_loop_closure_does_not_change_published_and_written_poses
 
 @pytest.mark.slow
 def test_with_loop_closure_a_replay_repeats_bit_for_bit_in_another_process(
-    replayed: Replayed, tmp_path: Path, capfd: Capture
+    replayed: Replayed, tmp_path: Path, kinect_vo: KinectVo
 ) -> None:
     again = tmp_path / "again.txt"
-    outcome = run_in_process(capfd, "replay", replayed.folder, *GIVEN, again)
+    outcome = kinect_vo("replay", replayed.folder, *GIVEN, again)
     assert (outcome.code, outcome.error_lines) == (0, "")
     assert again.read_bytes() == replayed.corrected.read_bytes()
     for label in ("keyframes, loop closures", "optimized ATE, RMSE", "optimized global error"):
@@ -87,12 +86,10 @@ def test_with_loop_closure_a_replay_repeats_bit_for_bit_in_another_process(
 
 @pytest.mark.slow
 def test_with_loop_closure_a_map_is_saved_at_the_optimized_poses(
-    replayed: Replayed, tmp_path: Path, capfd: Capture
+    replayed: Replayed, tmp_path: Path, kinect_vo: KinectVo
 ) -> None:
     given = ("--method", "surf", "--loop-closure", "--voxel-m", 0.04, "--memory-mb", 100)
-    outcome = run_in_process(
-        capfd, "reconstruct", replayed.folder, *given, "--output", tmp_path / "map"
-    )
+    outcome = kinect_vo("reconstruct", replayed.folder, *given, "--output", tmp_path / "map")
     assert (outcome.code, outcome.error_lines) == (0, "")
     figures = json.loads((tmp_path / "map" / "reconstruction.json").read_text())
     assert figures["map_keyframes"] > 1
@@ -104,22 +101,12 @@ def test_with_loop_closure_a_map_is_saved_at_the_optimized_poses(
 
 @pytest.mark.parametrize("path", ["", "gone/poses.txt", "file/poses.txt"])
 def test_an_unwritable_optimized_trajectory_is_rejected_before_the_run(
-    recording: Path, tmp_path: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch, path: str
+    recording: Path, tmp_path: Path, kinect_vo: KinectVo, monkeypatch: pytest.MonkeyPatch, path: str
 ) -> None:
     monkeypatch.delattr(replay, "prepare_kernels")
     (tmp_path / "file").touch()
-    outcome = run_in_process(capfd, "replay", recording, *GIVEN, tmp_path / path)
+    outcome = kinect_vo("replay", recording, *GIVEN, tmp_path / path)
     assert (outcome.code, outcome.out, outcome.err.count("\n")) == (2, "", 1)
     assert f"{tmp_path / path}: " in outcome.err
     assert "is a folder; name a file" in outcome.err or "there is no folder" in outcome.err
     assert not list(tmp_path.glob("*.txt"))
-
-
-def test_a_recording_is_not_overwritten_by_its_optimized_trajectory(
-    copy_recording: CopyRecording, capfd: Capture
-) -> None:
-    truth = copy_recording() / "groundtruth.txt"
-    before = truth.read_bytes()
-    outcome = run_in_process(capfd, "replay", truth.parent, *GIVEN, truth)
-    assert (outcome.code, outcome.out, outcome.err.count("\n")) == (2, "", 1)
-    assert truth.read_bytes() == before

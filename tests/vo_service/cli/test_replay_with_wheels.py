@@ -15,7 +15,7 @@ from drivers.recording.frame_recorder import FrameRecorder
 from drivers.recording.odometry import ODOMETRY_TOPIC
 from drivers.ros_messages.navigation import ODOMETRY_SCHEMA
 from tests.conftest import FRAMES
-from tests.vo_service.cli.cli_runner import run_in_process
+from tests.vo_service.cli.cli_runner import KinectVo
 from tests.vo_service.wheel_odometry.wheel_driver import wheel_message
 from vo_service.wheel_odometry.planar_pose import PlanarTwist
 
@@ -54,42 +54,36 @@ def messages(frame_s: float) -> list[EncodedMessage]:
     ]
 
 
-def replay(
-    capfd: pytest.CaptureFixture[str], drive: Path, name: str, *, has_wheels: bool = True
-) -> Path:
+def replay(kinect_vo: KinectVo, drive: Path, name: str, *, has_wheels: bool = True) -> Path:
     config, trajectory = drive.parent / "kinect.toml", drive.parent / f"{name}.txt"
     enabled = str(has_wheels).lower()
     config.write_text(f"schema = 1\n[wheel_odometry]\nenabled = {enabled}\n")
     mcap = drive.parent / f"{name}.mcap"
     options = ("--config", config, "--no-publish", "--trajectory", trajectory, "--mcap", mcap)
-    outcome = run_in_process(capfd, "replay", drive, *options)
+    outcome = kinect_vo("replay", drive, *options)
     assert outcome.code == 0, outcome.err
     assert "no message" not in outcome.err
     return trajectory
 
 
-def test_wheels_go_on_where_the_camera_sees_nothing(
-    drive: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    without = read_trajectory(replay(capfd, drive, "without", has_wheels=False))
+def test_wheels_go_on_where_the_camera_sees_nothing(drive: Path, kinect_vo: KinectVo) -> None:
+    without = read_trajectory(replay(kinect_vo, drive, "without", has_wheels=False))
     assert len(without) < FRAMES
-    with_wheels = read_trajectory(replay(capfd, drive, "with"))
+    with_wheels = read_trajectory(replay(kinect_vo, drive, "with"))
     assert len(with_wheels) == FRAMES
     steps_m = np.diff(with_wheels.T_world_camera[BLANK_FROM:, :3, 3], axis=0)
     assert np.linalg.norm(steps_m, axis=1) == pytest.approx(DRIVE.forward_m_s / 30, abs=1e-3)
 
 
-def test_a_replay_with_wheels_repeats_bit_for_bit(
-    drive: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    one, other = replay(capfd, drive, "one"), replay(capfd, drive, "other")
+def test_a_replay_with_wheels_repeats_bit_for_bit(drive: Path, kinect_vo: KinectVo) -> None:
+    one, other = replay(kinect_vo, drive, "one"), replay(kinect_vo, drive, "other")
     assert one.read_bytes() == other.read_bytes()
 
 
 def test_the_messages_are_kept_and_replayed_with_the_same_result(
-    drive: Path, capfd: pytest.CaptureFixture[str]
+    drive: Path, kinect_vo: KinectVo
 ) -> None:
-    replay(capfd, drive, "one")
+    replay(kinect_vo, drive, "one")
     kept = list(read_odometry_messages(drive.parent / "one.mcap", [ODOMETRY_TOPIC]))
     assert kept == list(read_odometry_messages(drive, [ODOMETRY_TOPIC]))[: len(kept)]
     assert len(kept) >= 20

@@ -40,10 +40,6 @@ def parse(*words: str) -> Example:
     return make_request(Example, parser.parse_args([*words], argparse.Namespace(verbose=False)))
 
 
-def test_what_is_not_given_has_the_default_of_its_field() -> None:
-    assert parse("desk") == Example(folder=Path("desk"))
-
-
 def test_values_have_the_types_of_their_fields() -> None:
     words = ("--size", "4", "3", "--names", "a", "--names", "b", "--is-loud", "--voxel-m", "0.1")
     assert parse("desk", *words) == Example(
@@ -73,12 +69,8 @@ def test_run_with_the_small_profile_has_no_flight_recorder() -> None:
 @pytest.mark.parametrize(
     ("pace", "adapts"), [(PlaybackMode.LOCKSTEP, False), (PlaybackMode.REALTIME, True)]
 )
-def test_lockstep_has_no_load_shedding(pace: PlaybackMode, adapts: bool) -> None:
-    assert at_pace(Config(), pace).load.adapt is adapts
-
-
-@pytest.mark.parametrize(
-    ("pace", "knows"), [(PlaybackMode.LOCKSTEP, False), (PlaybackMode.REALTIME, True)]
-)
-def test_lockstep_waits_for_no_other_process(pace: PlaybackMode, knows: bool) -> None:
-    assert at_pace(Config(), pace).map.loop_closure is knows
+def test_lockstep_sheds_no_load_and_waits_for_no_other_process(
+    pace: PlaybackMode, adapts: bool
+) -> None:
+    config = at_pace(Config(), pace)
+    assert (config.load.adapt, config.map.loop_closure) == (adapts, adapts)

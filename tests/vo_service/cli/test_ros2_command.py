@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.vo_service.cli.cli_runner import run_in_process, run_subprocess
+from tests.vo_service.cli.cli_runner import KinectVo, run_subprocess
 
 
 @pytest.mark.subprocess
@@ -27,10 +27,10 @@ def test_the_node_gets_the_service_and_the_arguments_of_ros(
 
 
 def test_without_the_node_one_line_says_what_to_install(
-    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    kinect_vo: KinectVo, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PATH", "/nonexistent")
-    outcome = run_in_process(capfd, "ros2")
+    outcome = kinect_vo("ros2")
     assert outcome.code == 1
     assert outcome.error_lines == (
         "kinect-vo: error: kinect-vo-ros2 is not installed: with ROS 2 sourced, run python3 -m pip "

@@ -11,8 +11,8 @@ from tests.conftest import FRAMES
 from tests.ports import is_listening
 from tests.vo_service.cli.cli_runner import (
     CommandResult,
+    KinectVo,
     count_lines,
-    run_in_process,
     run_subprocess,
     running_subprocess,
     stretch_timing,
@@ -26,10 +26,10 @@ CopyRecording = Callable[..., Path]
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_service_in_lockstep_writes_the_trajectory_of_a_replay(
-    number: signal.Signals, recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    number: signal.Signals, recording: Path, tmp_path: Path, kinect_vo: KinectVo
 ) -> None:
     served, replayed = tmp_path / "run.txt", tmp_path / "replay.txt"
-    run_in_process(capfd, "replay", recording, "--no-publish", "--trajectory", replayed)
+    kinect_vo("replay", recording, "--no-publish", "--trajectory", replayed)
     options = ("--pace", "lockstep", "--no-publish", "--trajectory", served)
     with running_subprocess("run", "--camera", f"tum:{recording}", *options) as process:
         wait_until(lambda: count_lines(served) == FRAMES)

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.simulators.requirements import require_program
-from tests.vo_service.cli.cli_runner import CommandResult, run_in_process
+from tests.vo_service.cli.cli_runner import CommandResult, KinectVo
 from tests.vo_service.tools.install.conftest import tree
 from vo_service.tools.install import program, systemd
 from vo_service.tools.install.systemd import UNITS, read_service_file
@@ -21,12 +21,10 @@ Service = Callable[..., CommandResult]
 
 
 @pytest.fixture
-def service(
-    tree: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> Service:
+def service(tree: Path, kinect_vo: KinectVo, monkeypatch: pytest.MonkeyPatch) -> Service:
     """``service("install", ...)`` below the tree; in place of the program, a small package."""
     monkeypatch.setattr(program, "runtime_distributions", lambda: [distribution("pyusb")])
-    return lambda action, *rest: run_in_process(capfd, "service", action, "--root", tree, *rest)
+    return lambda action, *rest: kinect_vo("service", action, "--root", tree, *rest)
 
 
 def files(root: Path) -> set[str]:
@@ -151,25 +149,25 @@ def test_installed_files_are_readable_by_all_users(tree: Path, service: Service)
 
 
 def test_a_user_without_root_gets_the_command_for_root(
-    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    kinect_vo: KinectVo, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(os, "geteuid", lambda: 1000)
-    outcome = run_in_process(capfd, "service", "install", "--name", "front", "--enable")
+    outcome = kinect_vo("service", "install", "--name", "front", "--enable")
     assert outcome.code == 1
     assert "run: sudo " in outcome.err
     assert outcome.err.endswith("service install --name front --enable\n")
 
 
 def test_without_systemd_one_line_names_the_alternatives(
-    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    kinect_vo: KinectVo, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(os, "geteuid", lambda: 0)
     monkeypatch.setattr(systemd, "RUNTIME_FOLDER", Path("/nowhere"))
-    outcome = run_in_process(capfd, "service", "uninstall")
+    outcome = kinect_vo("service", "uninstall")
     assert (outcome.code, outcome.out) == (1, "")
     assert "systemd does not run here" in outcome.err
 
 
-def test_the_files_can_be_printed(capfd: pytest.CaptureFixture[str]) -> None:
+def test_the_files_can_be_printed(kinect_vo: KinectVo) -> None:
     for name in (*UNITS, "network-tls.conf", "kinect.toml"):
-        assert run_in_process(capfd, "service", "show", name).out == read_service_file(name)
+        assert kinect_vo("service", "show", name).out == read_service_file(name)

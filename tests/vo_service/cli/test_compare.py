@@ -18,7 +18,7 @@ from drivers.core.config import read_toml
 from tests.conftest import FRAMES
 from tests.forked_process import ForkedProcess
 from tests.resource_leaks import child_pids_of, command_line_of, find_child_running, is_alive
-from tests.vo_service.cli.cli_runner import KinectVo
+from tests.vo_service.cli.cli_runner import KinectVo, assert_one_line
 from tests.vo_service.tools.compare.faulty_methods import make_faulty_factories
 from tests.waiting import wait_until
 from vo_service.cli import compare
@@ -203,6 +203,16 @@ def test_invalid_input_is_one_line_before_any_run(
     assert (done.code, done.out, done.err.count("\n")) == (2, "", 1)
     assert message in done.err
     assert {path.name for path in tmp_path.iterdir()} <= {"cache", "corner", "empty", "file"}
+
+
+def test_a_scale_from_the_truth_needs_a_truth(
+    copy_recording: CopyRecording, tmp_path: Path, kinect_vo: KinectVo
+) -> None:
+    folder = copy_recording()
+    (folder / "groundtruth.txt").unlink()
+    options = ("--methods", "sfm", "--sfm-scale", "ground-truth", "--output", tmp_path / "out")
+    message = f"{folder}: has no groundtruth.txt, which --sfm-scale ground-truth needs"
+    assert_one_line(kinect_vo("compare", folder, *options), 2, message)
 
 
 @pytest.mark.usefixtures("no_figures")

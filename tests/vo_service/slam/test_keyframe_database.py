@@ -41,13 +41,6 @@ def test_the_shipped_vocabulary_has_distinct_integers(vocabulary: VladVocabulary
     assert np.array_equal(vocabulary.cluster_centers, np.rint(vocabulary.cluster_centers))
 
 
-def test_a_word_is_nearest_to_itself(vocabulary: VladVocabulary) -> None:
-    assert np.array_equal(
-        vocabulary.assign_words(vocabulary.cluster_centers),
-        np.arange(len(vocabulary.cluster_centers)),
-    )
-
-
 def test_a_descriptor_has_its_length_whatever_the_number_of_features(
     vocabulary: VladVocabulary,
 ) -> None:
@@ -55,13 +48,6 @@ def test_a_descriptor_has_its_length_whatever_the_number_of_features(
     for count in (5, 50, 500):
         descriptor = vocabulary.describe(random.integers(-80, 80, (count, 64)))
         assert np.linalg.norm(descriptor.astype(float)) == pytest.approx(DESCRIPTOR_NORM, rel=0.05)
-
-
-def test_a_descriptor_does_not_depend_on_the_order_of_the_features(
-    vocabulary: VladVocabulary,
-) -> None:
-    features = np.random.default_rng(1).integers(-80, 80, (300, 64)).astype(np.int8)
-    assert np.array_equal(vocabulary.describe(features), vocabulary.describe(features[::-1]))
 
 
 def test_no_features_give_an_empty_descriptor(vocabulary: VladVocabulary) -> None:
@@ -104,26 +90,15 @@ def along(*positions_m: float) -> list[Array]:
     return [make_pose((path_m, 0.0, 0.0)) for path_m in positions_m]
 
 
-def test_the_most_similar_keyframe_comes_first(
+def test_the_most_similar_of_the_allowed_keyframes_comes_first(
     recognizer: PlaceRecognizer, here: MapKeyframe, elsewhere: MapKeyframe
 ) -> None:
     keyframes = KeyframeDatabase(max_bytes=10**9)
     keyframes.add(here)
     keyframes.add(elsewhere)
     view = make_query(recognizer, BESIDE)
-    assert [
-        keyframe.number for keyframe in keyframes.find_similar(view, 2, lambda keyframe: True)
-    ] == [0, 1]
+    assert keyframes.find_similar(view, 2, lambda keyframe: True) == [here, elsewhere]
     assert keyframes.find_similar(view, 1, lambda keyframe: True) == [here]
-
-
-def test_only_allowed_keyframes_are_searched(
-    recognizer: PlaceRecognizer, here: MapKeyframe, elsewhere: MapKeyframe
-) -> None:
-    keyframes = KeyframeDatabase(max_bytes=10**9)
-    keyframes.add(here)
-    keyframes.add(elsewhere)
-    view = make_query(recognizer, HERE)
     assert keyframes.find_similar(view, 5, lambda keyframe: keyframe.number > 0) == [elsewhere]
     assert keyframes.find_similar(view, 5, lambda keyframe: False) == []
 

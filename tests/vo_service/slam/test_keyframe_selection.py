@@ -1,6 +1,5 @@
 """Which frames become keyframes, and the odometry between two of them."""
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -30,15 +29,6 @@ def test_a_frame_is_selected_when_the_camera_has_moved_a_step() -> None:
     selector = KeyframeSelector()
     accepted = [selector.accepts(make_wall_update(seq, 0.06 * seq)) for seq in range(7)]
     assert accepted == [True, False, False, True, False, False, True]
-
-
-def test_a_rotation_counts_like_a_translation() -> None:
-    selector = KeyframeSelector()
-    assert selector.accepts(make_wall_update(0))
-    assert not selector.accepts(
-        replace(make_wall_update(1), T_world_camera=turned(math.radians(9.0)))
-    )
-    assert selector.accepts(replace(make_wall_update(2), T_world_camera=turned(math.radians(11.0))))
 
 
 @pytest.mark.parametrize("state", [TrackingState.LOST, TrackingState.DEGRADED])
@@ -82,14 +72,7 @@ def constraints_at(
 
 def test_a_keyframe_is_thirty_centimeters_from_the_last() -> None:
     found = constraints_at(0.0, 0.1, 0.2, 0.29, 0.31, 0.4)
-    assert [constraint is not None for constraint in found] == [
-        True,
-        False,
-        False,
-        False,
-        True,
-        False,
-    ]
+    assert [n for n, constraint in enumerate(found) if constraint is not None] == [0, 4]
 
 
 def test_a_constraint_has_its_length_velocity_and_covariance() -> None:

@@ -33,6 +33,7 @@ def test_frames_move_with_the_previous_keyframe() -> None:
 
 def test_the_first_pose_is_identity_and_stamps_increase() -> None:
     optimized = OptimizedTrajectory(graph())
+    assert len(optimized.trajectory) == 0
     for stamp_s in (3.0, 1.0, 2.0):
         optimized.add(stamp_s, 1, np.linalg.matrix_power(AHEAD, int(stamp_s)))
     found = optimized.trajectory
@@ -74,7 +75,3 @@ def test_frames_are_moved_from_neighbor_to_neighbor() -> None:
     for number in (2, 1):
         optimized.re_anchor(keyframes.remove_node(number))
     assert np.allclose(optimized.trajectory.T_world_camera[1][:3, 3], [0.0, 0.0, 3.0])
-
-
-def test_without_frames_the_trajectory_is_empty() -> None:
-    assert len(OptimizedTrajectory(PoseGraph()).trajectory) == 0

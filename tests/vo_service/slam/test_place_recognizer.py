@@ -68,6 +68,7 @@ def test_an_unseen_place_is_not_recognized(
         view = recognizer.create_query(frame, ZERO_VELOCITY)
         assert recognizer.recognize(view, [here, elsewhere]) is None
     assert recognizer.recognize(make_query(recognizer, ELSEWHERE), [here]) is None
+    assert recognizer.recognize(make_query(recognizer, HERE), []) is None
 
 
 def test_two_keyframes_that_look_the_same_are_ambiguous(
@@ -77,21 +78,12 @@ def test_two_keyframes_that_look_the_same_are_ambiguous(
     apart = {0: HERE, 5: make_pose((3.0, 0.0, 0.0))}
     turned = {0: HERE, 5: make_pose((0.1, 0.0, 0.0), (0.0, 40.0, 0.0))}
     together = {0: HERE, 5: make_pose((0.1, 0.0, 0.0))}
+    unconnected = {0: HERE}
     assert recognizer.recognize(view, [here, duplicate], apart) is None
     assert recognizer.recognize(view, [here, duplicate], turned) is None
     assert recognizer.recognize(view, [here, duplicate], together) is not None
+    assert recognizer.recognize(view, [here, duplicate], unconnected) is not None
     assert recognizer.recognize(view, [here], apart) is not None
-
-
-def test_a_rival_unconnected_to_the_map_is_ignored(
-    recognizer: PlaceRecognizer, here: MapKeyframe
-) -> None:
-    view, duplicate = make_query(recognizer, BESIDE), replace(here, number=5)
-    assert recognizer.recognize(view, [here, duplicate], {0: HERE}) is not None
-
-
-def test_without_keyframes_nothing_is_recognized(recognizer: PlaceRecognizer) -> None:
-    assert recognizer.recognize(make_query(recognizer, HERE), []) is None
 
 
 def test_the_same_image_at_another_distance_is_not_recognized(
@@ -160,16 +152,6 @@ def test_a_third_of_a_keyframe_must_be_in_view(
     assert (found is not None) is is_recognised
 
 
-def test_features_that_agree_by_chance_are_no_match(
-    recognizer: PlaceRecognizer, here: MapKeyframe
-) -> None:
-    poster = make_frame(make_textured_image(240, 320, seed=9), np.full((240, 320), 1.7))
-    assert (
-        list(recognizer.find_candidates(recognizer.create_query(poster, ZERO_VELOCITY), [here]))
-        == []
-    )
-
-
 def test_a_rolling_shutter_view_is_recognized(
     recognizer: PlaceRecognizer,
 ) -> None:
@@ -189,14 +171,3 @@ def test_a_darker_view_is_recognized(recognizer: PlaceRecognizer, here: MapKeyfr
     found = recognizer.recognize(recognizer.create_query(dusk, ZERO_VELOCITY), [here])
     assert found is not None
     assert_close(found.T_keyframe_camera, BESIDE, meters=3e-3, degrees=0.1)
-
-
-def test_the_same_view_gives_the_same_bits(here: MapKeyframe) -> None:
-    first, second = (
-        recognizer.recognize(make_query(recognizer, BESIDE), [here])
-        for recognizer in (PlaceRecognizer(), PlaceRecognizer())
-    )
-    assert first is not None
-    assert second is not None
-    assert first.T_keyframe_camera.tobytes() == second.T_keyframe_camera.tobytes()
-    assert first.covariance.tobytes() == second.covariance.tobytes()

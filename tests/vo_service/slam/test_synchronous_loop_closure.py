@@ -114,19 +114,6 @@ def test_camera_uncovered_at_an_unseen_place_starts_an_epoch() -> None:
     assert not any(update.estimate.ok for update in updates[SEEN : SEEN + len(COVERED) + 25])
 
 
-def test_replay_with_loop_closure_repeats_bit_for_bit(
-    came_back: tuple[SynchronousLoopClosure, list[OdometryUpdate]],
-) -> None:
-    loops, updates = came_back
-    again, updates_again = follow([*walk(), *COVERED, *walk()[10:30]])
-    assert all(
-        np.array_equal(update.T_world_camera, other.T_world_camera)
-        for update, other in zip(updates, updates_again, strict=True)
-    )
-    first, second = loops.trajectory, again.trajectory
-    assert np.array_equal(first.T_world_camera, second.T_world_camera)
-
-
 def test_the_optimized_trajectory_is_closer_to_the_truth() -> None:
     loops = inline()
     last = 3 * STEPS

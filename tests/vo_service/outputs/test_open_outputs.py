@@ -27,11 +27,6 @@ def is_free(port: int) -> bool:
         return probe.connect_ex(("127.0.0.1", port)) == errno.ECONNREFUSED
 
 
-def test_nothing_requested_opens_nothing() -> None:
-    with open_outputs(OutputsConfig(PlaybackMode.LOCKSTEP, zenoh=None)) as opened:
-        assert opened.outputs == []
-
-
 def test_requested_outputs_are_opened_and_closed(
     free_port: int, tmp_path: Path, make_update: Callable[..., OdometryUpdate]
 ) -> None:

@@ -3,7 +3,7 @@
 import json
 import threading
 from collections.abc import Iterator
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -218,20 +218,6 @@ def test_each_reading_of_the_accelerometer_is_sent_once_with_its_own_stamp(
     assert (measured.x, measured.y, measured.z) == (0.0, -9.81, 0.0)
 
 
-def test_fifty_subscribers_all_get_the_frame(robot: Robot, free_port: int) -> None:
-    with ExitStack() as stack:
-        sessions = [stack.enter_context(connected_session(free_port)) for _ in range(10)]
-        readers = [Subscriber(sessions[i % 10], "color/image") for i in range(50)]
-        wait_until(lambda: robot.is_wanted("color/image"))
-
-        def all_have_one() -> bool:
-            robot.publish()
-            return all(reader.samples["color/image"] for reader in readers)
-
-        wait_until(all_have_one)
-    assert robot.frames.warning == ""
-
-
 def test_a_slow_encoder_delays_no_pose(robot: Robot, free_port: int) -> None:
     release = threading.Event()
     robot.frames._topics[:] = [
@@ -277,15 +263,6 @@ def test_images_are_not_published_where_anyone_could_see_them(
         output.close()
     assert len(opened) == count
     assert ("anyone in the network could see them" in caplog.text) == (count == 0)
-
-
-@pytest.mark.parametrize(("enabled", "count"), [(True, 1), (False, 0)])
-def test_the_configuration_decides_where_it_says_so(enabled: bool, count: int) -> None:
-    settings = FrameOutputConfig("kinect", FramesConfig(enabled=enabled), T_BODY_CAMERA)
-    opened = open_frame_outputs(settings, ZenohConfig(listen=("tcp/0.0.0.0:7450",)))
-    for output in opened:
-        output.close()
-    assert len(opened) == count
 
 
 def topics_of(frames: FramesConfig, has_scan: bool | None, listen: str) -> list[str]:

@@ -38,19 +38,12 @@ def test_a_systemd_credential_takes_precedence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     credentials = tmp_path / "credentials"
-    credentials.mkdir()
-    for folder in (tmp_path, credentials):
-        (folder / "tls.key").write_text("key")
     monkeypatch.setenv("CREDENTIALS_DIRECTORY", str(credentials))
-    assert resolved_key(configuration(tmp_path, "tls.key")) == str(credentials / "tls.key")
-
-
-def test_other_files_are_found_beside_the_configuration(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
     (tmp_path / "tls.key").write_text("key")
-    monkeypatch.setenv("CREDENTIALS_DIRECTORY", str(tmp_path / "none"))
     assert resolved_key(configuration(tmp_path, "tls.key")) == str(tmp_path / "tls.key")
+    credentials.mkdir()
+    (credentials / "tls.key").write_text("key")
+    assert resolved_key(configuration(tmp_path, "tls.key")) == str(credentials / "tls.key")
 
 
 def test_an_absolute_path_is_kept(tmp_path: Path) -> None:

@@ -60,14 +60,6 @@ def test_the_last_status_is_the_published_one(free_port: int, status: Status) ->
     assert (answer["schema"], answer["state"], answer["latency"]["fps"]) == (1, "degraded", 29.9)
 
 
-def test_a_blocked_service_still_replies(free_port: int, make_update: MakeUpdate) -> None:
-    with closing(ZenohOutput(config(free_port))) as output, connected_session(free_port) as session:
-        output.on_update(make_update(3))
-        wait_until(lambda: latest_seq(session) == 3)
-        # The loop sends nothing any more, and no query waits for it.
-        assert [latest_seq(session) for _ in range(20)] == [3] * 20
-
-
 def test_a_wildcard_query_gets_each_reply_under_its_own_key(
     free_port: int, make_update: MakeUpdate, status: Status
 ) -> None:

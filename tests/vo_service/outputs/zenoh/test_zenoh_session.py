@@ -100,17 +100,3 @@ def test_settings_of_a_file_are_kept(tmp_path: Path, free_port: int) -> None:
         socket.create_connection(("127.0.0.1", free_port), timeout=5),
     ):
         pass
-
-
-@pytest.mark.parametrize("content", ["{ listen: ", "{ lissten: {} }", "\xff"])
-def test_a_broken_file_is_reported(tmp_path: Path, content: str) -> None:
-    file = tmp_path / "zenoh.json5"
-    file.write_bytes(content.encode("latin-1"))
-    with pytest.raises(InputError, match=r"zenoh\.json5") as caught:
-        open_session(ZenohConfig(config_file=file))
-    assert "\n" not in str(caught.value)
-
-
-def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="cannot be read: No such file"):
-        open_session(ZenohConfig(config_file=tmp_path / "zenoh.json5"))

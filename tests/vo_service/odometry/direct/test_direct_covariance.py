@@ -64,20 +64,11 @@ def self_uncertainty(frame: RgbdFrame) -> MotionUncertainty:
 def test_bare_planes_leave_directions_unconstrained(
     planes: Sequence[Plane], open_directions: int
 ) -> None:
+    view = render_view(planes=planes, paint=0.0)
     for seed in (1, 2):
-        reason = self_uncertainty(
-            add_noise(render_view(planes=planes, paint=0.0), seed)
-        ).rejection_reason
+        reason = self_uncertainty(add_noise(view, seed)).rejection_reason
         assert reason.startswith(f"degenerate view: {open_directions} of 6 degrees of freedom")
-
-
-@pytest.mark.parametrize("planes", [(WALL,), (WALL, FLOOR), (WALL, SIDE)])
-def test_bare_planes_without_noise_leave_directions_unconstrained_too(
-    planes: Sequence[Plane],
-) -> None:
-    assert self_uncertainty(render_view(planes=planes, paint=0.0)).rejection_reason.startswith(
-        "degenerate view: "
-    )
+    assert self_uncertainty(view).rejection_reason.startswith("degenerate view: ")
 
 
 @pytest.mark.parametrize("planes", [(WALL,), (WALL, FLOOR), CORNER])
@@ -87,13 +78,9 @@ def test_texture_or_a_corner_constrain_all_directions(planes: Sequence[Plane]) -
 
 
 def test_texture_constrains_all_directions_without_depth_in_the_frame() -> None:
-    keyframe = keyframe_of(add_noise(render_view(planes=(WALL,)), 1))
-    assert (
-        align_frame(keyframe, remove_depth(add_noise(render_view(planes=(WALL,)), 2)))[
-            0
-        ].rejection_reason
-        == ""
-    )
+    views = [add_noise(render_view(planes=(WALL,)), seed) for seed in (1, 2)]
+    uncertainty, _ = align_frame(keyframe_of(views[0]), remove_depth(views[1]))
+    assert uncertainty.rejection_reason == ""
 
 
 @pytest.mark.parametrize("readout_s", [0.0, 0.02])

@@ -10,16 +10,11 @@ from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse, rigid_transform, so3_exp
 from tests.vo_service.odometry.direct.rolling_shutter_views import (
     BRISK,
-    CAMERA,
     STILL,
     MovingCamera,
     add_noise,
     render_sequence,
     render_view,
-)
-from tests.vo_service.odometry.estimate_checks import (
-    assert_counts_consistent,
-    assert_starts_at_origin,
 )
 from tests.vo_service.odometry.hand_held_sequence import assert_close, estimate_all
 from vo_service.odometry.direct.odometry import DirectOdometry
@@ -65,38 +60,6 @@ def test_ignoring_the_rolling_shutter_increases_the_error() -> None:
     )
     assert with_motion < 1e-3
     assert without_timing > 3 * with_motion
-
-
-def test_the_first_frame_is_the_world_frame(views: list[RgbdFrame]) -> None:
-    first = DirectOdometry().estimate(views[0])
-    assert_starts_at_origin(first)
-    assert first.features == len(first.debug.keypoints_px) > 100
-
-
-def test_an_estimate_has_its_numbers_of_points(views: list[RgbdFrame]) -> None:
-    estimate = estimate_all(DirectOdometry(), views[:2])[1]
-    assert_counts_consistent(estimate, 100)
-    pixels = estimate.debug.keypoints_px
-    assert pixels.min() >= 0
-    assert (pixels.max(axis=0) < (CAMERA.width, CAMERA.height)).all()
-
-
-def test_the_error_has_the_size_of_the_covariance(views: list[RgbdFrame]) -> None:
-    for k, estimate in enumerate(estimate_all(DirectOdometry(), views)[1:], 1):
-        error = inverse(estimate.T_reference_camera) @ BRISK.pose_at(k / 30)
-        sigma_m = np.sqrt(np.trace(estimate.covariance[:3, :3]))
-        assert np.linalg.norm(error[:3, 3]) < 4 * sigma_m
-        assert sigma_m < 0.005
-
-
-@pytest.mark.parametrize("readout_s", [0.0, 0.02])
-def test_the_same_frames_twice_give_the_same_bits(readout_s: float) -> None:
-    frames = [add_noise(frame, k) for k, frame in enumerate(render_sequence(BRISK, 4, readout_s))]
-    first, second = (estimate_all(DirectOdometry(), frames) for _ in range(2))
-    for a, b in zip(first, second, strict=True):
-        assert np.array_equal(a.T_world_camera, b.T_world_camera)
-        assert np.array_equal(a.T_reference_camera, b.T_reference_camera)
-        assert np.array_equal(a.covariance, b.covariance)
 
 
 def test_frozen_frames_are_no_motion(views: list[RgbdFrame]) -> None:

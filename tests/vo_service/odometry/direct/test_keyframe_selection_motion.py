@@ -114,12 +114,9 @@ def test_the_previous_frame_becomes_the_keyframe_and_the_current_one_is_aligned_
     )
 
 
-def test_a_global_shutter_needs_no_motion() -> None:
-    assert estimate_previous_motion(good_frame(0.0, 0.0), good_frame(FRAME_S, 0.0)) is None
-
-
-def test_the_first_frame_has_no_motion(now: TrackedFrame) -> None:
+def test_the_first_frame_and_a_global_shutter_have_no_motion(now: TrackedFrame) -> None:
     assert estimate_previous_motion(None, now) is None
+    assert estimate_previous_motion(good_frame(0.0, 0.0), good_frame(FRAME_S, 0.0)) is None
 
 
 @pytest.mark.parametrize(
@@ -138,31 +135,21 @@ def test_the_first_frame_has_no_motion(now: TrackedFrame) -> None:
 def test_poses_with_different_covariance_give_no_motion(
     before: TrackedFrame, now: TrackedFrame, odd: str
 ) -> None:
-    state = before.motion_state
+    state, result, then_s = before.motion_state, before.result, now.images.stamp_s
+    last_s = state.stamp_s - FRAME_S
+    at_once = replace(state, stamp_s=0.0, well_constrained_stamp_s=0.0)
+    unsure = replace(state, well_constrained_stamp_s=last_s)
     befores = {
         "plain": replace(before, is_well_constrained=False),
-        "plain before": replace(
-            before, motion_state=replace(state, well_constrained_stamp_s=state.stamp_s - FRAME_S)
-        ),
-        "another keyframe": replace(
-            before, result=replace(before.result, keyframe=replace(DISTORTED))
-        ),
-        "in the dark": replace(before, result=replace(before.result, degradation="depth only")),
-        "long ago": replace(before, motion_state=replace(state, stamp_s=state.stamp_s - FRAME_S)),
-        "at once": replace(
-            before, motion_state=replace(state, stamp_s=0.0, well_constrained_stamp_s=0.0)
-        ),
+        "plain before": replace(before, motion_state=unsure),
+        "another keyframe": replace(before, result=replace(result, keyframe=replace(DISTORTED))),
+        "in the dark": replace(before, result=replace(result, degradation="depth only")),
+        "long ago": replace(before, motion_state=replace(state, stamp_s=last_s)),
+        "at once": replace(before, motion_state=at_once),
     }
     nows = {
         "plain now": replace(now, is_well_constrained=False),
-        "at once now": replace(
-            now, motion_state=replace(now.motion_state, stamp_s=now.images.stamp_s)
-        ),
+        "at once now": replace(now, motion_state=replace(now.motion_state, stamp_s=then_s)),
     }
     assert estimate_previous_motion(before, now) is not None
     assert estimate_previous_motion(befores.get(odd, before), nows.get(odd, now)) is None
-
-
-def test_the_vignetting_estimate_is_kept(now: TrackedFrame) -> None:
-    assert now.with_vignetting(0.2).images.vignetting == 0.2
-    assert now.with_vignetting(0.2).result is now.result

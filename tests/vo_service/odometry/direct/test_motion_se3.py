@@ -11,8 +11,6 @@ from drivers.core.geometry import (
     is_rigid,
     orthonormalize,
     rigid_transform,
-    skew_matrix,
-    so3_exp,
 )
 from tests.vo_service.odometry.direct.rolling_shutter_views import series_exponential
 from vo_service.odometry.direct.motion import (
@@ -54,13 +52,6 @@ def test_the_exponential_is_the_matrix_exponential(twist: Array) -> None:
 
 @FEW
 @given(twists())
-def test_a_twist_rotates_by_its_rotation_vector(twist: Array) -> None:
-    R = so3_exp(twist[3:])
-    np.testing.assert_allclose(se3_exp(twist)[:3, :3], R, atol=1e-14)
-
-
-@FEW
-@given(twists())
 def test_the_logarithm_inverts_the_exponential(twist: Array) -> None:
     # Near half a turn the axis is known from a difference that vanishes.
     left_rad = np.pi - float(np.linalg.norm(twist[3:]))
@@ -86,22 +77,6 @@ def test_a_rotation_near_half_a_turn_is_exact(angle_rad: float) -> None:
 def test_the_product_is_the_matrix_product(a: Array, b: Array) -> None:
     A, B = se3_exp(a), se3_exp(b)
     np.testing.assert_allclose(compose(A, B), A @ B, atol=1e-13)
-
-
-@FEW
-@given(twists())
-def test_a_constant_twist_over_half_the_time_is_half_the_motion(twist: Array) -> None:
-    half = se3_exp(0.5 * twist)
-    np.testing.assert_allclose(compose(half, half), se3_exp(twist), atol=1e-12)
-
-
-@FEW
-@given(VECTORS, VECTORS)
-def test_the_derivative_at_zero_is_the_twist(velocity_m_s: Array, turn_rad_s: Array) -> None:
-    twist, step_s = np.concatenate([velocity_m_s, turn_rad_s]), 1e-7
-    rate = (se3_exp(step_s * twist) - np.eye(4)) / step_s
-    np.testing.assert_allclose(rate[:3, :3], skew_matrix(turn_rad_s), atol=1e-5)
-    np.testing.assert_allclose(rate[:3, 3], velocity_m_s, atol=1e-5)
 
 
 @FEW

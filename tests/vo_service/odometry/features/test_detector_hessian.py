@@ -85,7 +85,3 @@ def test_the_laplacian_is_positive_on_dark_blobs_only(dark: bool, lobe: int) -> 
     image = make_blob_image(90, 80, (40.0, 45.0), SCALE_PER_LOBE * lobe, dark)
     integral: NDArray[np.int32] = cv2.integral(image)  # type: ignore[assignment]
     assert is_laplacian_positive(box_rows(integral, lobe, 45), lobe, 40) is dark
-
-
-def test_the_9x9_filter_stands_for_a_gaussian_of_sigma_1_2() -> None:
-    assert pytest.approx(1.2) == SCALE_PER_LOBE * 3

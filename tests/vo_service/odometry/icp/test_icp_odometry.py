@@ -8,9 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.camera import RgbdFrame
-from drivers.core.geometry import inverse, rigid_transform, so3_exp
+from drivers.core.geometry import rigid_transform, so3_exp
 from tests.vo_service.odometry.estimate_checks import (
-    assert_counts_consistent,
     assert_valid_or_explained,
 )
 from tests.vo_service.odometry.hand_held_sequence import assert_close, estimate_all
@@ -41,33 +40,6 @@ def test_a_camera_in_a_corner_of_a_room_is_tracked_by_depth_only(views: list[Rgb
     for k, estimate in enumerate(estimate_all(IcpOdometry(), views)):
         assert estimate.ok, estimate.reason
         assert_close(estimate.T_world_camera, hand_held_pose(k), 0.004, 0.2)
-
-
-def test_poses_are_the_product_of_the_motions(views: list[RgbdFrame]) -> None:
-    T = np.eye(4)
-    for estimate in estimate_all(IcpOdometry(), views):
-        T = T @ estimate.T_reference_camera
-        assert np.array_equal(estimate.T_world_camera, T)
-
-
-def test_an_estimate_has_its_numbers_of_points(views: list[RgbdFrame]) -> None:
-    estimate = estimate_all(IcpOdometry(), views[:2])[1]
-    evidence = estimate.debug
-    assert_counts_consistent(estimate, 201)
-    assert evidence.keypoints_px.min() > -1
-    assert (evidence.keypoints_px.max(axis=0) < (CAMERA.width, CAMERA.height)).all()
-
-
-def test_the_error_has_the_size_of_the_covariance(views: list[RgbdFrame]) -> None:
-    for k, estimate in enumerate(estimate_all(IcpOdometry(), views)[1:], 1):
-        error = (
-            inverse(estimate.T_reference_camera)
-            @ inverse(hand_held_pose(k - 1))
-            @ hand_held_pose(k)
-        )
-        sigma_m = np.sqrt(np.trace(estimate.covariance[:3, :3]))
-        assert np.linalg.norm(error[:3, 3]) < 3 * sigma_m
-        assert sigma_m < 0.02
 
 
 def test_a_camera_at_rest_does_not_drift() -> None:

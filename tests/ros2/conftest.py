@@ -12,10 +12,9 @@ from tests.ports import free_port
 from tests.ros2.kinect_vo_service import KinectVo, running_kinect_vo
 from tests.ros2.running_node import Ros
 from tests.simulators.requirements import skip_or_fail
-from tests.vo_service.outputs.conftest import listening, make_update
-from tests.vo_service.outputs.frames.frame_robot import MakeUpdate
+from tests.vo_service.outputs.conftest import listening
 
-__all__ = ["listening", "make_update"]
+__all__ = ["listening"]
 
 ROOT = Path(__file__).parents[2]
 MACHINE = "x86_64"
@@ -77,7 +76,7 @@ def port() -> int:
 
 
 @pytest.fixture
-def service(port: int, make_update: MakeUpdate) -> Iterator[KinectVo]:
+def service(port: int) -> Iterator[KinectVo]:
     """A running kinect-vo at that port."""
-    with running_kinect_vo(port, make_update) as running:
+    with running_kinect_vo(port) as running:
         yield running

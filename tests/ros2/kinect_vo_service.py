@@ -10,7 +10,8 @@ import zenoh
 
 from drivers.camera import AccelerometerReading
 from tests.vo_service.fakes import make_status
-from tests.vo_service.outputs.frames.frame_robot import T_BASE_CAMERA, MakeUpdate
+from tests.vo_service.outputs.frames.frame_robot import T_BASE_CAMERA
+from tests.vo_service.outputs.sample_updates import make_update
 from vo_service.config_tables import CommandConfig, FramesConfig, ScanConfig, ZenohConfig
 from vo_service.control import CommandQueue
 from vo_service.navigation.frame_scans import FrameScans
@@ -34,12 +35,11 @@ class KinectVo:
         refusal: Why commands are refused; "" = they are executed.
     """
 
-    def __init__(self, port: int, make_update: MakeUpdate) -> None:
+    def __init__(self, port: int) -> None:
         self.changes: dict[str, Any] = {}
         self.status: Status = make_status()
         self.executed: list[Command] = []
         self.refusal = ""
-        self._make_update = make_update
         self._scans = FrameScans(ScanConfig(), T_BASE_CAMERA)
         self._command_queue = CommandQueue()
         self.frames = FrameOutput(FrameOutputConfig("kinect", FramesConfig(), T_BASE_CAMERA))
@@ -83,7 +83,7 @@ class KinectVo:
             seq += 1
 
     def _update(self, seq: int) -> OdometryUpdate:
-        update = self._make_update(seq)
+        update = make_update(seq)
         reading = AccelerometerReading(update.frame.stamp_s, (0.0, -9.81, 0.0))
         return self._scans.add_to(
             replace(
@@ -96,7 +96,7 @@ class KinectVo:
 
 
 @contextmanager
-def running_kinect_vo(port: int, make_update: MakeUpdate) -> Iterator[KinectVo]:
+def running_kinect_vo(port: int) -> Iterator[KinectVo]:
     """Run a kinect-vo that listens at a port."""
-    with closing(KinectVo(port, make_update)) as service:
+    with closing(KinectVo(port)) as service:
         yield service

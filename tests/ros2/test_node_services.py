@@ -11,7 +11,6 @@ from drivers.camera import Led
 from drivers.ros_messages.cdr import CdrWriter
 from tests.ros2.kinect_vo_service import KinectVo, running_kinect_vo
 from tests.ros2.running_node import Ros
-from tests.vo_service.outputs.frames.frame_robot import MakeUpdate
 from tests.waiting import wait_until
 from vo_service.types.commands import (
     LedCommand,
@@ -95,13 +94,11 @@ def test_a_pose_is_set_by_topic(port: int, service: KinectVo, ros: Ros) -> None:
     assert command.position_m == (2.0, 0.0, 0.0)
 
 
-def test_the_end_of_kinect_vo_is_an_error_until_it_is_back(
-    port: int, make_update: MakeUpdate, ros: Ros
-) -> None:
+def test_the_end_of_kinect_vo_is_an_error_until_it_is_back(port: int, ros: Ros) -> None:
     with ros.node(port) as node, ros.reader(1000, DIAGNOSTICS) as reader:
         node.wait_for_line("no kinect-vo there; waiting for it")
         for _ in range(2):
-            with running_kinect_vo(port, make_update) as service:
+            with running_kinect_vo(port) as service:
                 service.status = replace(service.status, state=TrackingState.TRACKING)
                 wait_until(lambda: "kinect_vo: tracking" in newest_tasks(reader.messages))
                 assert ros.run("call", "/kinect_vo/reset", "Trigger").startswith("True")

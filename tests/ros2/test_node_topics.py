@@ -16,6 +16,7 @@ from drivers.ros_messages.navigation import (
 from tests.ros2.conftest import find_python
 from tests.ros2.kinect_vo_service import KinectVo
 from tests.ros2.running_node import Ros
+from tests.vo_service.outputs.sample_updates import make_update
 from tests.vo_service.outputs.zenoh.query_helpers import connected_session
 from tests.vo_service.sample_map import make_map
 from tests.waiting import wait_until
@@ -110,7 +111,7 @@ def test_the_map_has_the_stamp_of_the_pose_on_tf(port: int, service: KinectVo, r
 
 def test_a_map_of_another_epoch_is_not_on_tf(port: int, service: KinectVo, ros: Ros) -> None:
     service.changes = {"map": make_map()}
-    update = replace(service._make_update(0), stamp_s=7.5, epoch=99)
+    update = replace(make_update(0), stamp_s=7.5, epoch=99)
     pose = pose_payload(update, FrameIds()), pose_attachment(update)
 
     def sent_transforms() -> dict[tuple[str, str], object]:
@@ -133,7 +134,7 @@ EMPTY = b"\x00\x01\x00\x00\x00\x00\x00\x00"
 
 
 def test_there_is_no_transform_while_lost(port: int, service: KinectVo, ros: Ros) -> None:
-    lost = service._make_update(0, ok=False)
+    lost = make_update(0, ok=False)
     service.changes = {"state": lost.state, "reason": lost.reason}
     words = ("/tf=tf2_msgs/TFMessage", "/odom=nav_msgs/Odometry")
     with ros.node(port), ros.reader(20, *words) as reader:

@@ -1,13 +1,12 @@
 """The client with the project's own files for TLS, against a robot with rules."""
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
 import zenoh
 
-from tests.vo_service.outputs.conftest import make_update
 from tests.vo_service.security.conftest import keys, network, robot
 from tests.vo_service.security.tls_network import TlsNetwork, TlsRobot
 from tests.waiting import wait_until
@@ -16,11 +15,10 @@ from vo_service.client import connection
 from vo_service.config_tables import ZenohConfig
 from vo_service.outputs.zenoh.session import open_session
 from vo_service.types.commands import PauseCommand
-from vo_service.types.odometry_update import OdometryUpdate
 
 pytestmark = pytest.mark.zenoh
 
-__all__ = ["keys", "make_update", "network", "robot"]
+__all__ = ["keys", "network", "robot"]
 
 
 @pytest.mark.subprocess
@@ -43,11 +41,9 @@ def test_an_operator_can_send_commands(network: TlsNetwork, robot: TlsRobot) -> 
 
 
 @contextmanager
-def running_robot(
-    network: TlsNetwork, make_update: Callable[..., OdometryUpdate]
-) -> Iterator[None]:
+def running_robot(network: TlsNetwork) -> Iterator[None]:
     """Run a robot while the block runs."""
-    robot = TlsRobot(network.file("robot-tls.json5", network.server_identity), make_update)
+    robot = TlsRobot(network.file("robot-tls.json5", network.server_identity))
     thread = threading.Thread(target=robot.run)
     thread.start()
     try:
@@ -57,23 +53,18 @@ def running_robot(
         thread.join()
 
 
-def test_a_missing_robot_is_awaited_and_reconnected(
-    network: TlsNetwork, make_update: Callable[..., OdometryUpdate]
-) -> None:
+def test_a_missing_robot_is_awaited_and_reconnected(network: TlsNetwork) -> None:
     with PoseClient(config_file=network.file("reader-tls.json5", "ours/reader")) as client:
         with pytest.raises(PoseUnavailable) as caught:
             client.newest()
         assert caught.value.reason is PoseUnavailableReason.NO_PUBLISHER
         for _ in range(2):
-            with running_robot(network, make_update):
+            with running_robot(network):
                 assert next(client.poses(timeout_s=100)).state == "tracking"
 
 
 def test_a_missing_key_file_is_logged_once_and_awaited(
-    network: TlsNetwork,
-    make_update: Callable[..., OdometryUpdate],
-    caplog: pytest.LogCaptureFixture,
-    monkeypatch: pytest.MonkeyPatch,
+    network: TlsNetwork, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(connection, "RETRY_S", 0.05)
     attempts = count_attempts(monkeypatch)
@@ -84,7 +75,7 @@ def test_a_missing_key_file_is_logged_once_and_awaited(
         before = len(attempts)
         wait_until(lambda: len(attempts) > before + 3)
         file.with_name("away.pem").rename(certificate)
-        with running_robot(network, make_update):
+        with running_robot(network):
             assert next(client.poses(timeout_s=100)).state == "tracking"
     messages = [
         record.getMessage() for record in caplog.records if "tls.pem" in record.getMessage()

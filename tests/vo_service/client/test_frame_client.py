@@ -8,10 +8,9 @@ import pytest
 
 from drivers.core import InputError
 from tests.ports import free_port
-from tests.vo_service.outputs.conftest import make_update, status
+from tests.vo_service.outputs.conftest import status
 from tests.vo_service.outputs.frames.frame_robot import (
     T_BASE_CAMERA,
-    MakeUpdate,
     Robot,
     running_robot,
 )
@@ -22,7 +21,7 @@ from vo_service.navigation.robot_scan import RobotScanner
 from vo_service.types.messages import Status
 from vo_service.types.odometry_update import OdometryUpdate
 
-__all__ = ["make_update", "status"]
+__all__ = ["status"]
 
 pytestmark = pytest.mark.zenoh
 
@@ -33,8 +32,8 @@ def port() -> int:
 
 
 @pytest.fixture
-def robot(port: int, make_update: MakeUpdate) -> Iterator[Robot]:
-    with running_robot(port, make_update) as made:
+def robot(port: int) -> Iterator[Robot]:
+    with running_robot(port) as made:
         yield made
 
 

@@ -2,7 +2,6 @@
 
 import os
 import subprocess
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,14 +14,13 @@ from drivers.camera import AccelerometerReading, PlaybackMode, RgbdFrame
 from drivers.core.geometry import T_BODY_CAMERA, Array, Trajectory, rigid_transform
 from drivers.recording.frame_recorder import FrameRecorder
 from tests.vo_service.outputs.rerun.rerun_recording import count_rows, read_column
+from tests.vo_service.outputs.sample_updates import make_update
 from vo_service.outputs.mcap_recording import open_mcap_recording
 from vo_service.outputs.rerun.web_viewer_server import no_telemetry_environment, rerun_binary
-from vo_service.types.odometry_update import OdometryUpdate
 
 pytestmark = [pytest.mark.rerun, pytest.mark.subprocess]
 
 DEPTH, COLOR = "/camera/depth_registered/image_raw", "/camera/rgb/image_raw/compressed"
-MakeUpdate = Callable[..., OdometryUpdate]
 READING = AccelerometerReading(1.0, (0.0, -9.8, 0.0))
 
 
@@ -52,7 +50,7 @@ def last(rrd: Path, entity: str, component: str) -> Any:
 
 
 @pytest.fixture
-def recorded(tmp_path: Path, make_update: MakeUpdate) -> tuple[Path, list[RgbdFrame]]:
+def recorded(tmp_path: Path) -> tuple[Path, list[RgbdFrame]]:
     frames = [
         replace(make_update(k).frame, depth_factor=1000.0, accelerometer=(READING,))
         for k in range(4)
@@ -111,9 +109,7 @@ def test_the_true_motion_is_shown_as_a_path(recorded: tuple[Path, list[RgbdFrame
     np.testing.assert_allclose(np.sort(positions[:, 0]), 0.1 * np.arange(4), atol=1e-6)
 
 
-def test_the_poses_of_a_run_are_a_path_in_the_tree_of_the_ground_truth(
-    tmp_path: Path, make_update: MakeUpdate
-) -> None:
+def test_the_poses_of_a_run_are_a_path_in_the_tree_of_the_ground_truth(tmp_path: Path) -> None:
     updates = [make_update(seq) for seq in range(30)]
     truth = true_motion([update.frame for update in updates])
     output = open_mcap_recording(

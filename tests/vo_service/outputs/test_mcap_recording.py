@@ -19,6 +19,7 @@ from drivers.playback.camera import RecordingCamera
 from drivers.playback.recording_formats import open_recording
 from drivers.recording.odometry import OdometryRecord
 from tests.full_disk import limit_file_size
+from tests.vo_service.outputs.sample_updates import make_update
 from tests.vo_service.wheel_odometry.wheel_driver import CURVE, pose_at, wheel_message
 from tests.waiting import wait_until
 from vo_service.config_tables import ScanConfig
@@ -29,7 +30,6 @@ from vo_service.types.messages import Status
 from vo_service.types.occupancy_grid import FREE, NO_GRID, OCCUPIED, OccupancyGrid
 from vo_service.types.odometry_update import OdometryUpdate, TrackingState
 
-MakeUpdate = Callable[..., OdometryUpdate]
 LOCKSTEP, REALTIME = PlaybackMode.LOCKSTEP, PlaybackMode.REALTIME
 
 
@@ -50,9 +50,7 @@ def read_messages(path: Path) -> dict[str, list[Any]]:
     return found
 
 
-def test_each_frame_has_its_pose_state_and_timing(
-    tmp_path: Path, make_update: MakeUpdate, status: Status
-) -> None:
+def test_each_frame_has_its_pose_state_and_timing(tmp_path: Path, status: Status) -> None:
     updates = [make_update(seq) for seq in range(3)]
     updates[1] = replace(updates[1], state=TrackingState.LOST, reason="dark")
     record(tmp_path / "a.mcap", updates, status)
@@ -72,9 +70,7 @@ def test_each_frame_has_its_pose_state_and_timing(
     assert json.loads(written.data)["reason"] == status.reason
 
 
-def test_transforms_lead_from_odom_to_the_camera_except_while_lost(
-    tmp_path: Path, make_update: MakeUpdate
-) -> None:
+def test_transforms_lead_from_odom_to_the_camera_except_while_lost(tmp_path: Path) -> None:
     updates = [make_update(seq) for seq in range(3)]
     updates[1] = replace(updates[1], state=TrackingState.LOST)
     record(tmp_path / "a.mcap", updates)
@@ -88,9 +84,7 @@ def test_transforms_lead_from_odom_to_the_camera_except_while_lost(
     assert found["/tf"][0].transforms[0].header.frame_id == "odom"
 
 
-def test_the_camera_is_mounted_as_told_though_a_planar_base_hides_a_bump(
-    tmp_path: Path, make_update: MakeUpdate
-) -> None:
+def test_the_camera_is_mounted_as_told_though_a_planar_base_hides_a_bump(tmp_path: Path) -> None:
     mount = rigid_transform(T_BODY_CAMERA[:3, :3], (0.1, 0.0, 0.6))
     update, bump = make_update(0), rigid_transform(np.eye(3), (0.0, 0.0, 0.02))
     update = replace(update, T_odom_camera=bump @ update.T_odom_base @ mount)
@@ -100,9 +94,7 @@ def test_the_camera_is_mounted_as_told_though_a_planar_base_hides_a_bump(
     np.testing.assert_allclose([place.x, place.y, place.z], mount[:3, 3])
 
 
-def test_the_ground_truth_begins_at_the_first_pose_of_each_epoch(
-    tmp_path: Path, make_update: MakeUpdate
-) -> None:
+def test_the_ground_truth_begins_at_the_first_pose_of_each_epoch(tmp_path: Path) -> None:
     updates = [make_update(seq) for seq in range(4)]
     updates[2:] = [replace(each, epoch=2) for each in updates[2:]]
     stamps_s = np.array([each.frame.stamp_s for each in updates[1:]])  # none of the first frame
@@ -116,9 +108,7 @@ def test_the_ground_truth_begins_at_the_first_pose_of_each_epoch(
     assert shifts == pytest.approx([turned[1][0], turned[2][0], turned[2][0]])
 
 
-def test_scans_of_each_frame_and_the_grid_on_change(
-    tmp_path: Path, make_update: MakeUpdate
-) -> None:
+def test_scans_of_each_frame_and_the_grid_on_change(tmp_path: Path) -> None:
     grid = OccupancyGrid(np.array([[FREE, OCCUPIED]], np.int8), 0.05, (1.0, 2.0))
     updates = [replace(make_update(seq), grid=grid if seq else NO_GRID) for seq in range(3)]
     mount = rigid_transform(np.eye(3), (0.0, 0.0, 0.5)) @ T_BODY_CAMERA
@@ -142,9 +132,7 @@ def test_scans_of_each_frame_and_the_grid_on_change(
     assert len(recording.frames.stamps_s) == 3
 
 
-def test_a_scan_of_a_camera_on_the_floor_is_not_recorded(
-    tmp_path: Path, make_update: MakeUpdate
-) -> None:
+def test_a_scan_of_a_camera_on_the_floor_is_not_recorded(tmp_path: Path) -> None:
     scans = FrameScans(ScanConfig(), T_BODY_CAMERA)
     scans.load()
     record(tmp_path / "a.mcap", [scans.add_to(make_update(0))])
@@ -153,7 +141,7 @@ def test_a_scan_of_a_camera_on_the_floor_is_not_recorded(
     assert "camera_scan" not in [each.child_frame_id for each in found["/tf"][0].transforms]
 
 
-def test_the_path_grows_except_while_lost(tmp_path: Path, make_update: MakeUpdate) -> None:
+def test_the_path_grows_except_while_lost(tmp_path: Path) -> None:
     updates = [make_update(seq) for seq in range(40)]
     updates[5:35] = [replace(each, state=TrackingState.LOST) for each in updates[5:35]]
     record(tmp_path / "a.mcap", updates)
@@ -162,9 +150,7 @@ def test_the_path_grows_except_while_lost(tmp_path: Path, make_update: MakeUpdat
     assert {each.header.frame_id for each in paths} == {"odom"}
 
 
-def test_a_replay_takes_the_frames_and_not_the_poses(
-    tmp_path: Path, make_update: MakeUpdate
-) -> None:
+def test_a_replay_takes_the_frames_and_not_the_poses(tmp_path: Path) -> None:
     updates = [make_update(seq) for seq in range(3)]
     record(tmp_path / "a.mcap", updates)
     recording = open_recording(tmp_path / "a.mcap")
@@ -177,9 +163,7 @@ def test_a_replay_takes_the_frames_and_not_the_poses(
     np.testing.assert_allclose(read.stamps_s, updates[0].stamp_s + np.arange(2.0), atol=1e-6)
 
 
-def test_the_messages_of_the_wheels_are_recorded_and_played_again(
-    tmp_path: Path, make_update: MakeUpdate
-) -> None:
+def test_the_messages_of_the_wheels_are_recorded_and_played_again(tmp_path: Path) -> None:
     updates = [make_update(seq) for seq in range(3)]
     stamps_s = [update.stamp_s + 0.01 * k for update in updates for k in range(3)]
     payloads = [wheel_message(stamp_s, pose_at(stamp_s), CURVE) for stamp_s in stamps_s]
@@ -201,7 +185,7 @@ def test_the_messages_of_the_wheels_are_recorded_and_played_again(
     assert list(RecordingCamera(tmp_path / "b.mcap").recorded_odometry(["/wheel_odom"])) == payloads
 
 
-def test_an_existing_file_is_kept(tmp_path: Path, make_update: MakeUpdate) -> None:
+def test_an_existing_file_is_kept(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     record(path, [make_update(0)])
     before = path.read_bytes()
@@ -221,7 +205,7 @@ def test_a_run_without_frames_leaves_no_file(tmp_path: Path, status: Status) -> 
 
 
 def test_a_full_disk_is_reported_and_keeps_what_was_written(
-    tmp_path: Path, make_update: MakeUpdate, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("drivers.recording.frame_recorder.FLUSH_PERIOD_S", 0.0)
     output = open_mcap_recording(tmp_path / "a.mcap", LOCKSTEP)
@@ -242,7 +226,6 @@ def test_a_full_disk_is_reported_and_keeps_what_was_written(
 def test_a_full_disk_is_a_warning_of_the_service_until_there_is_space(
     frames_before: int,
     tmp_path: Path,
-    make_update: MakeUpdate,
     monkeypatch: pytest.MonkeyPatch,
     caplog: pytest.LogCaptureFixture,
 ) -> None:

@@ -2,18 +2,17 @@
 
 import errno
 import socket
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from drivers.camera import PlaybackMode
 from drivers.core import InputError, UserFacingError
+from tests.vo_service.outputs.sample_updates import make_update
 from vo_service.app import OutputsConfig, open_outputs
 from vo_service.config_tables import RerunConfig, ZenohConfig
 from vo_service.outputs.trajectory.trajectory_file import TrajectoryFileOutput
 from vo_service.outputs.zenoh.output import ConnectWithRetry, ZenohOutput
-from vo_service.types.odometry_update import OdometryUpdate
 
 pytestmark = pytest.mark.zenoh
 
@@ -27,9 +26,7 @@ def is_free(port: int) -> bool:
         return probe.connect_ex(("127.0.0.1", port)) == errno.ECONNREFUSED
 
 
-def test_requested_outputs_are_opened_and_closed(
-    free_port: int, tmp_path: Path, make_update: Callable[..., OdometryUpdate]
-) -> None:
+def test_requested_outputs_are_opened_and_closed(free_port: int, tmp_path: Path) -> None:
     request = OutputsConfig(
         PlaybackMode.REALTIME, zenoh_at(free_port), trajectory=tmp_path / "poses.txt"
     )

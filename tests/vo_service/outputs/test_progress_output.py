@@ -1,17 +1,14 @@
 """Progress of a run on a terminal."""
 
-from collections.abc import Callable
-
 from tests.vo_service.captured_terminal import CapturedTerminal
 from tests.vo_service.fakes import make_status
+from tests.vo_service.outputs.sample_updates import make_update
 from vo_service.outputs.progress import ProgressOutput
 from vo_service.terminal import Terminal
-from vo_service.types.odometry_update import OdometryUpdate, TrackingState
+from vo_service.types.odometry_update import TrackingState
 
 
-def test_progress_shows_frame_state_and_inliers_and_is_cleared(
-    make_update: Callable[..., OdometryUpdate],
-) -> None:
+def test_progress_shows_frame_state_and_inliers_and_is_cleared() -> None:
     screen = CapturedTerminal()
     progress = ProgressOutput(Terminal(screen), "replay", 40)
     progress.on_update(make_update(9))

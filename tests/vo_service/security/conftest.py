@@ -1,16 +1,15 @@
 """Keys for the whole session, a network for each test, and a robot that executes commands."""
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from tests.vo_service.outputs.conftest import make_update, status
+from tests.vo_service.outputs.conftest import status
 from tests.vo_service.security.tls_network import TlsNetwork, TlsRobot, make_keys, make_network
-from vo_service.types.odometry_update import OdometryUpdate
 
-__all__ = ["make_update", "status"]
+__all__ = ["status"]
 
 
 @pytest.fixture(scope="session")
@@ -26,9 +25,9 @@ def network(keys: Path, tmp_path: Path) -> TlsNetwork:
 
 
 @pytest.fixture
-def robot(network: TlsNetwork, make_update: Callable[..., OdometryUpdate]) -> Iterator[TlsRobot]:
+def robot(network: TlsNetwork) -> Iterator[TlsRobot]:
     """A robot with robot-tls.json5 that publishes 30 poses a second and executes every command."""
-    robot = TlsRobot(network.file("robot-tls.json5", network.server_identity), make_update)
+    robot = TlsRobot(network.file("robot-tls.json5", network.server_identity))
     thread = threading.Thread(target=robot.run)
     thread.start()
     yield robot

@@ -3,7 +3,7 @@
 import json
 import shutil
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,6 +13,7 @@ import zenoh.ext
 
 from drivers.core import UserFacingError
 from tests.ports import free_port
+from tests.vo_service.outputs.sample_updates import make_update
 from tests.vo_service.sample_map import make_map
 from vo_service.config_tables import CommandConfig, ZenohConfig
 from vo_service.control import CommandQueue
@@ -22,7 +23,6 @@ from vo_service.outputs.zenoh.session import open_session
 from vo_service.outputs.zenoh.session_endpoints import ExtraEndpoints, make_command_endpoint
 from vo_service.tools.certificates import CertificateAuthority
 from vo_service.types.commands import Command, PausedReply
-from vo_service.types.odometry_update import OdometryUpdate
 
 ZENOH_FILES = Path(__file__).parents[3] / "config" / "zenoh"
 HOST = "127.0.0.1"
@@ -94,11 +94,10 @@ def make_network(keys: Path, folder: Path) -> TlsNetwork:
 class TlsRobot:
     """The service's publisher, 30 poses a second with one map, and a loop that runs any command."""
 
-    def __init__(self, file: Path, make_update: Callable[..., OdometryUpdate]) -> None:
+    def __init__(self, file: Path) -> None:
         self.stop = threading.Event()
         self.executed: list[Command] = []
         self.base_messages: list[bytes] = []
-        self._make_update = make_update
         self._command_queue = CommandQueue()
         commands = make_command_endpoint(CommandConfig(), self._command_queue)
         config = ZenohConfig(config_file=file)
@@ -122,7 +121,7 @@ class TlsRobot:
         """Publish until `stop` is set."""
         seq, snapshot = 0, make_map()
         while not self.stop.wait(1 / 30):
-            self._output.on_update(replace(self._make_update(seq), map=snapshot))
+            self._output.on_update(replace(make_update(seq), map=snapshot))
             seq += 1
             for future in self._command_queue.take_pending():
                 self.executed.append(future.command)

@@ -1,22 +1,18 @@
 """The transforms of an update: of the base, and of the map if it is known."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from drivers.core.geometry import rigid_transform
-from tests.vo_service.outputs.conftest import make_update
+from tests.vo_service.outputs.sample_updates import make_update
 from tests.vo_service.sample_map import make_map
 from vo_service.config_tables import FrameIds
 from vo_service.types.map_snapshot import NO_MAP, MapSnapshot
 from vo_service.types.messages import pose_transforms
 from vo_service.types.odometry_update import OdometryUpdate
 
-__all__ = ["make_update"]
-
-MakeUpdate = Callable[..., OdometryUpdate]
 FRAMES = FrameIds()
 
 
@@ -27,7 +23,7 @@ def transforms(update: OdometryUpdate) -> list[tuple[str, str, float]]:
     return [(each.frame_id, each.child_frame_id, each.translation_m[0]) for each in found]
 
 
-def test_with_a_map_there_are_its_transform_and_that_of_the_base(make_update: MakeUpdate) -> None:
+def test_with_a_map_there_are_its_transform_and_that_of_the_base() -> None:
     update = replace(make_update(2), map=make_map(T_map_odom=rigid_transform(np.eye(3), [5, 0, 0])))
     x_m = update.T_odom_base[0, 3]
     assert transforms(update) == [("odom", "base_link", x_m), ("map", "odom", 5.0)]
@@ -43,12 +39,10 @@ def test_with_a_map_there_are_its_transform_and_that_of_the_base(make_update: Ma
     ],
     ids=["none", "not located", "of the epoch before", "not finite"],
 )
-def test_without_a_localized_map_there_is_only_the_base(
-    make_update: MakeUpdate, snapshot: MapSnapshot
-) -> None:
+def test_without_a_localized_map_there_is_only_the_base(snapshot: MapSnapshot) -> None:
     update = replace(make_update(2), map=snapshot)
     assert transforms(update) == [("odom", "base_link", update.T_odom_base[0, 3])]
 
 
-def test_a_lost_pose_has_no_transform(make_update: MakeUpdate) -> None:
+def test_a_lost_pose_has_no_transform() -> None:
     assert transforms(make_update(2, ok=False)) == []

@@ -1,6 +1,6 @@
 """A service's outputs of poses and frames on one session, without a loop."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import replace
 from typing import Any
@@ -9,6 +9,7 @@ import numpy as np
 
 from drivers.camera import AccelerometerReading
 from drivers.core.geometry import T_BODY_CAMERA, rigid_transform
+from tests.vo_service.outputs.sample_updates import make_update
 from tests.vo_service.outputs.zenoh.query_helpers import config
 from vo_service.config_tables import FrameIds, FramesConfig, ScanConfig
 from vo_service.navigation.frame_scans import FrameScans
@@ -20,7 +21,6 @@ from vo_service.types.odometry_update import OdometryUpdate
 
 # On a robot: half a meter above the floor.
 T_BASE_CAMERA = rigid_transform(np.eye(3), (0.1, 0.0, 0.5)) @ T_BODY_CAMERA
-MakeUpdate = Callable[..., OdometryUpdate]
 
 
 class Robot:
@@ -29,7 +29,6 @@ class Robot:
     def __init__(
         self,
         port: int,
-        make_update: MakeUpdate,
         frame_ids: FrameIds = FrameIds(),  # noqa: B008 (frozen)
         **frames: Any,
     ) -> None:
@@ -44,13 +43,12 @@ class Robot:
             ),
         )
         self._scans = FrameScans(ScanConfig(), T_BASE_CAMERA, frame_ids.scan_frame_id)
-        self._make_update = make_update
         self._seq = 0
 
     def publish(self) -> OdometryUpdate:
-        update = self._make_update(self._seq)
+        update = make_update(self._seq)
         # An accelerometer of 10 Hz, and a camera of 30 Hz.
-        stamps_s = [self._make_update(seq).frame.stamp_s for seq in range(self._seq + 1)[::3][-16:]]
+        stamps_s = [make_update(seq).frame.stamp_s for seq in range(self._seq + 1)[::3][-16:]]
         readings = [AccelerometerReading(stamp_s, (0.0, -9.81, 0.0)) for stamp_s in stamps_s]
         frame = replace(update.frame, accelerometer=tuple(readings))
         T_odom_camera = update.T_odom_base @ T_BASE_CAMERA
@@ -69,7 +67,7 @@ class Robot:
 
 
 @contextmanager
-def running_robot(port: int, make_update: MakeUpdate, **frames: Any) -> Iterator[Robot]:
-    made = Robot(port, make_update, **frames)
+def running_robot(port: int, **frames: Any) -> Iterator[Robot]:
+    made = Robot(port, **frames)
     with closing(made.frames), closing(made.poses):
         yield made

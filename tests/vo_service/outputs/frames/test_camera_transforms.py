@@ -10,7 +10,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from drivers.core.geometry import Array, rigid_transform, transform_from_pose
 from drivers.ros_messages.navigation import TRANSFORMS_SCHEMA
-from tests.vo_service.outputs.frames.frame_robot import T_BASE_CAMERA, MakeUpdate, running_robot
+from tests.vo_service.outputs.frames.frame_robot import T_BASE_CAMERA, running_robot
 from tests.vo_service.outputs.zenoh.query_helpers import connected_session
 from tests.waiting import wait_until
 from vo_service.config_tables import FrameIds
@@ -40,10 +40,8 @@ def late_transforms(session: zenoh.Session) -> dict[tuple[str, str], Array]:
 
 
 @pytest.mark.zenoh
-def test_a_late_reader_gets_a_tree_from_the_base_to_camera_and_scan(
-    free_port: int, make_update: MakeUpdate
-) -> None:
-    with running_robot(free_port, make_update), connected_session(free_port) as session:
+def test_a_late_reader_gets_a_tree_from_the_base_to_camera_and_scan(free_port: int) -> None:
+    with running_robot(free_port), connected_session(free_port) as session:
         found = late_transforms(session)
     T_base_rgb = T_link = found["base_link", "camera_link"]
     for parent, child in (
@@ -58,11 +56,9 @@ def test_a_late_reader_gets_a_tree_from_the_base_to_camera_and_scan(
 
 
 @pytest.mark.zenoh
-def test_a_frame_of_another_name_gets_one_transform(
-    free_port: int, make_update: MakeUpdate
-) -> None:
+def test_a_frame_of_another_name_gets_one_transform(free_port: int) -> None:
     with (
-        running_robot(free_port, make_update, frame_ids=FrameIds(camera_frame_id="front")),
+        running_robot(free_port, frame_ids=FrameIds(camera_frame_id="front")),
         connected_session(free_port) as session,
     ):
         assert late_transforms(session).keys() == {

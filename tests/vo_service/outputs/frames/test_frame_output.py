@@ -22,7 +22,8 @@ from drivers.ros_messages.decoding import (
     decode_point_cloud,
 )
 from drivers.ros_messages.sensors import IMU_SCHEMA
-from tests.vo_service.outputs.frames.frame_robot import MakeUpdate, Robot
+from tests.vo_service.outputs.frames.frame_robot import Robot
+from tests.vo_service.outputs.sample_updates import make_update
 from tests.vo_service.outputs.zenoh.query_helpers import connected_session
 from tests.waiting import wait_until
 from vo_service.config_tables import FramesConfig, ZenohConfig
@@ -48,8 +49,8 @@ TYPES = {
 
 
 @pytest.fixture
-def robot(free_port: int, make_update: MakeUpdate) -> Iterator[Robot]:
-    made = Robot(free_port, make_update)
+def robot(free_port: int) -> Iterator[Robot]:
+    made = Robot(free_port)
     with closing(made.frames), closing(made.poses):
         yield made
 
@@ -167,7 +168,7 @@ def test_a_subscriber_of_everything_gets_everything(robot: Robot, free_port: int
         wait_until(lambda: received >= {f"kinect/{name}" for name in ("odom", *TYPES)})
 
 
-def test_a_frame_is_queued_once_its_pose_is_sent(free_port: int, make_update: MakeUpdate) -> None:
+def test_a_frame_is_queued_once_its_pose_is_sent(free_port: int) -> None:
     sent: list[int] = []
     queued: list[tuple[int, list[int]]] = []
     extras = ExtraEndpoints(on_pose=lambda update: queued.append((update.seq, sent.copy())))
@@ -185,8 +186,8 @@ def test_a_frame_is_queued_once_its_pose_is_sent(free_port: int, make_update: Ma
     assert all(seq == done[-1] for seq, done in queued)
 
 
-def test_the_rate_is_limited(free_port: int, make_update: MakeUpdate) -> None:
-    robot = Robot(free_port, make_update, max_hz=10.0)
+def test_the_rate_is_limited(free_port: int) -> None:
+    robot = Robot(free_port, max_hz=10.0)
     with (
         closing(robot.frames),
         closing(robot.poses),
@@ -234,7 +235,7 @@ def test_a_slow_encoder_delays_no_pose(robot: Robot, free_port: int) -> None:
 
 
 def test_a_frame_that_cannot_be_encoded_is_a_warning_until_the_next(
-    robot: Robot, free_port: int, make_update: MakeUpdate
+    robot: Robot, free_port: int
 ) -> None:
     with subscribed(robot, free_port, "points") as subscriber:
         update = make_update(0)

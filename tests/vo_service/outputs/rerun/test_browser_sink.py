@@ -11,13 +11,13 @@ import rerun as rr
 
 from tests import ports
 from tests.resource_leaks import child_pids, is_alive
+from tests.vo_service.outputs.sample_updates import make_update
 from vo_service.outputs.rerun import targets
 from vo_service.outputs.rerun.blueprint import make_blueprint
 from vo_service.outputs.rerun.output import RerunOutput, open_rerun_output
 from vo_service.outputs.rerun.sinks import PortTakenError
 from vo_service.outputs.rerun.targets import BrowserSink
 from vo_service.outputs.rerun.web_viewer_server import pick_free_port as any_port
-from vo_service.types.odometry_update import OdometryUpdate
 
 pytestmark = pytest.mark.subprocess
 
@@ -36,9 +36,7 @@ def get(port: int, path: str) -> tuple[HTTPResponse, bytes]:
     return response, content
 
 
-def test_the_page_may_connect_only_to_this_computer(
-    free_port: int, other_port: int, make_update: Callable[..., OdometryUpdate]
-) -> None:
+def test_the_page_may_connect_only_to_this_computer(free_port: int, other_port: int) -> None:
     output = RerunOutput(BrowserSink(free_port, other_port))
     output.on_update(make_update(0))
     response, page = get(other_port, output.address.split(str(other_port))[1])

@@ -4,7 +4,7 @@ import signal
 import subprocess
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -13,14 +13,13 @@ import numpy as np
 import pytest
 
 from tests.resource_leaks import child_pids, resident_memory_kb
+from tests.vo_service.outputs.sample_updates import make_update
 from tests.waiting import wait_until
 from vo_service.config_tables import RerunConfig
 from vo_service.outputs.rerun.output import RerunOutput, open_rerun_output
 from vo_service.outputs.rerun.sinks import RunningViewerSink
 from vo_service.outputs.rerun.web_viewer_server import rerun_binary
-from vo_service.types.odometry_update import OdometryUpdate
 
-MakeUpdate = Callable[..., OdometryUpdate]
 ABSENT, BLOCKED = "no viewer answers at", "does not read its data"
 ADDRESS = "rerun+http://127.0.0.1:{}/proxy"
 
@@ -51,7 +50,7 @@ def processes() -> list[int]:
 
 
 def test_a_missing_viewer_needs_no_process(
-    output: RerunOutput, make_update: MakeUpdate, caplog: pytest.LogCaptureFixture
+    output: RerunOutput, caplog: pytest.LogCaptureFixture
 ) -> None:
     for seq in range(30):
         output.on_update(make_update(seq))
@@ -63,7 +62,7 @@ def test_a_missing_viewer_needs_no_process(
 
 @pytest.mark.subprocess
 def test_a_viewer_that_starts_late_ends_and_restarts_receives_data(
-    free_port: int, output: RerunOutput, make_update: MakeUpdate
+    free_port: int, output: RerunOutput
 ) -> None:
     output.on_update(make_update(0))
     for _ in range(2):
@@ -76,9 +75,7 @@ def test_a_viewer_that_starts_late_ends_and_restarts_receives_data(
 
 
 @pytest.mark.subprocess
-def test_a_frozen_viewer_is_reported_and_memory_stays_bounded(
-    free_port: int, make_update: MakeUpdate
-) -> None:
+def test_a_frozen_viewer_is_reported_and_memory_stays_bounded(free_port: int) -> None:
     update = make_update(0)
     noise = np.random.default_rng(0).integers(0, 255, (960, 1280, 3), np.uint8)
     update = replace(update, frame=replace(update.frame, color_bgr=noise))
@@ -112,7 +109,7 @@ def resident_of(process: int) -> int:
 
 
 @pytest.mark.subprocess
-def test_a_server_with_another_protocol_is_reported(make_update: MakeUpdate) -> None:
+def test_a_server_with_another_protocol_is_reported() -> None:
     with ThreadingHTTPServer(("127.0.0.1", 0), BaseHTTPRequestHandler) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         target = f"connect:127.0.0.1:{server.server_port}"

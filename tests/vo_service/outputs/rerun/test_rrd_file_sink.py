@@ -28,6 +28,7 @@ from tests.vo_service.outputs.rerun.rerun_recording import (
     make_config,
     read_column,
 )
+from tests.vo_service.outputs.sample_updates import make_update
 from tests.waiting import wait_until
 from vo_service.outputs import write_fault
 from vo_service.outputs.rerun import output as rerun_output
@@ -40,11 +41,9 @@ from vo_service.types.odometry_update import OdometryUpdate
 
 pytestmark = pytest.mark.rerun
 
-MakeUpdate = Callable[..., OdometryUpdate]
-
 
 @pytest.fixture
-def make_large_update(make_update: MakeUpdate) -> Callable[[int], OdometryUpdate]:
+def make_large_update() -> Callable[[int], OdometryUpdate]:
     """Results with a noise image of one megabyte: ``make_large_update(seq)``."""
     noise = np.random.default_rng(0).integers(0, 255, (960, 1280, 3), np.uint8)
 
@@ -153,7 +152,7 @@ def test_the_trajectory_continues_in_the_next_file(
     assert so_far[0][0][0] == [0.0, 0.0, 0.0]
 
 
-def test_existing_files_are_kept(tmp_path: Path, make_update: MakeUpdate) -> None:
+def test_existing_files_are_kept(tmp_path: Path) -> None:
     for number in range(3):
         draw(RrdFileSink(tmp_path / "out.rrd"), [make_update(number)])
     assert [count_rows(tmp_path / name)["/log"] for name in ("out-0001.rrd", "out-0002.rrd")] == [
@@ -186,7 +185,7 @@ def test_only_our_own_files_are_deleted(
 
 @pytest.mark.subprocess
 def test_a_full_disk_closes_the_file_and_starts_another_when_there_is_space(
-    tmp_path: Path, make_update: MakeUpdate, free_bytes: list[int]
+    tmp_path: Path, free_bytes: list[int]
 ) -> None:
     path = tmp_path / "out.rrd"
     free_bytes[:] = [10**12] * 4 + [10**6, 10**6, 10**12]
@@ -200,7 +199,7 @@ def test_a_full_disk_closes_the_file_and_starts_another_when_there_is_space(
 
 
 def test_a_disk_that_is_full_at_the_start_is_a_fault_but_no_error(
-    tmp_path: Path, make_update: MakeUpdate, free_bytes: list[int]
+    tmp_path: Path, free_bytes: list[int]
 ) -> None:
     free_bytes[:] = [10**6]
     recording = draw(RrdFileSink(tmp_path / "out.rrd"), [make_update(0)])

@@ -1,6 +1,6 @@
 """The keyframe map in real Rerun recordings: what is drawn, where and how often."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,13 +10,13 @@ import pytest
 
 from drivers.core.geometry import Array, inverse, rigid_transform, so3_exp
 from tests.vo_service.outputs.rerun.rerun_recording import count_rows, draw, read_column
+from tests.vo_service.outputs.sample_updates import make_update
 from tests.vo_service.sample_map import make_map
 from vo_service.outputs.rerun.sinks import RrdFileSink
 from vo_service.outputs.rerun.update_encoder import MapEncoder
 from vo_service.types.map_snapshot import MapSnapshot
 from vo_service.types.odometry_update import OdometryUpdate
 
-MakeUpdate = Callable[..., OdometryUpdate]
 # An arbitrary pose of the odometry's world in `odom`.
 T_ODOM_WORLD = rigid_transform(so3_exp([0.3, -1.2, 0.8]), [1.0, 2.0, 3.0])
 
@@ -49,7 +49,7 @@ def encode_all(updates: Sequence[OdometryUpdate]) -> MapEncoder:
 
 
 @pytest.mark.rerun
-def test_keyframes_and_edges_are_drawn(tmp_path: Path, make_update: MakeUpdate) -> None:
+def test_keyframes_and_edges_are_drawn(tmp_path: Path) -> None:
     path = tmp_path / "out.rrd"
     snapshot = make_map(5)
     draw(RrdFileSink(path), [replace(make_update(seq), map=snapshot) for seq in range(3)])
@@ -67,13 +67,13 @@ def test_keyframes_and_edges_are_drawn(tmp_path: Path, make_update: MakeUpdate) 
 
 
 @pytest.mark.rerun
-def test_without_a_map_none_is_drawn(tmp_path: Path, make_update: MakeUpdate) -> None:
+def test_without_a_map_none_is_drawn(tmp_path: Path) -> None:
     path = tmp_path / "out.rrd"
     draw(RrdFileSink(path), [make_update(seq) for seq in range(40)])
     assert [entity for entity in count_rows(path) if entity.startswith("/world/map")] == []
 
 
-def test_a_map_that_agrees_with_odometry_is_on_its_trajectory(make_update: MakeUpdate) -> None:
+def test_a_map_that_agrees_with_odometry_is_on_its_trajectory() -> None:
     updates = [make_update(seq) for seq in range(6)]
     poses = [update.T_world_camera for update in updates]
     encoder = encode_all([with_map(updates[5], make_keyframe_map(poses, np.eye(4)))])
@@ -81,7 +81,7 @@ def test_a_map_that_agrees_with_odometry_is_on_its_trajectory(make_update: MakeU
     np.testing.assert_allclose(encoder.graph.odometry_edges[0], encoder.graph.positions[:2])
 
 
-def test_corrections_move_the_map_and_its_origin_stays(make_update: MakeUpdate) -> None:
+def test_corrections_move_the_map_and_its_origin_stays() -> None:
     updates = [make_update(seq) for seq in range(6)]
     poses = [update.T_world_camera for update in updates]
     before = make_keyframe_map(poses[:5], np.eye(4))
@@ -97,9 +97,7 @@ def test_corrections_move_the_map_and_its_origin_stays(make_update: MakeUpdate) 
     np.testing.assert_allclose(moved, 0.5, atol=1e-6)
 
 
-def test_a_loaded_map_is_drawn_once_the_transform_to_odom_is_known(
-    make_update: MakeUpdate,
-) -> None:
+def test_a_loaded_map_is_drawn_once_the_transform_to_odom_is_known() -> None:
     updates = [make_update(seq) for seq in range(3)]
     poses = [update.T_world_camera for update in updates]
     T_map_odom = rigid_transform(so3_exp([0, 0, 2.0]), [7.0, 0.0, 0.0])
@@ -109,9 +107,7 @@ def test_a_loaded_map_is_drawn_once_the_transform_to_odom_is_known(
     np.testing.assert_allclose(encoder.graph.positions, [T[:3, 3] for T in poses], atol=1e-6)
 
 
-def test_a_frame_without_a_pose_does_not_place_the_map(
-    make_update: MakeUpdate,
-) -> None:
+def test_a_frame_without_a_pose_does_not_place_the_map() -> None:
     good = make_update(0)
     snapshot = make_keyframe_map([good.T_world_camera], np.eye(4))
     lost = replace(with_map(make_update(1, ok=False), snapshot), T_odom_camera=np.eye(4))
@@ -119,9 +115,7 @@ def test_a_frame_without_a_pose_does_not_place_the_map(
     assert len(encode_all([lost, with_map(good, snapshot)]).graph.positions) == 1
 
 
-def test_the_camera_in_the_map_is_at_its_last_pose(
-    make_update: MakeUpdate,
-) -> None:
+def test_the_camera_in_the_map_is_at_its_last_pose() -> None:
     update = make_update(0)
     start = with_map(update, make_keyframe_map([update.T_world_camera], np.eye(4)))
     drift = rigid_transform(np.eye(3), [0.0, 0.0, 0.25])
@@ -132,9 +126,7 @@ def test_the_camera_in_the_map_is_at_its_last_pose(
     np.testing.assert_allclose(corrected.position, expected, atol=1e-9)
 
 
-def test_a_map_of_the_previous_epoch_does_not_place_the_camera(
-    make_update: MakeUpdate,
-) -> None:
+def test_a_map_of_the_previous_epoch_does_not_place_the_camera() -> None:
     update = with_map(make_update(0), make_map())
     encoder = encode_all([update])
     assert len(list(encoder.encode_corrected_position(update))) == 1
@@ -142,9 +134,7 @@ def test_a_map_of_the_previous_epoch_does_not_place_the_camera(
 
 
 @pytest.mark.rerun
-def test_a_changing_map_is_drawn_once_a_second_and_at_the_end(
-    tmp_path: Path, make_update: MakeUpdate
-) -> None:
+def test_a_changing_map_is_drawn_once_a_second_and_at_the_end(tmp_path: Path) -> None:
     path = tmp_path / "out.rrd"
     draw(
         RrdFileSink(path),
@@ -155,9 +145,7 @@ def test_a_changing_map_is_drawn_once_a_second_and_at_the_end(
 
 
 @pytest.mark.rerun
-def test_an_unchanged_map_is_drawn_again_occasionally_for_late_viewers(
-    tmp_path: Path, make_update: MakeUpdate
-) -> None:
+def test_an_unchanged_map_is_drawn_again_occasionally_for_late_viewers(tmp_path: Path) -> None:
     path = tmp_path / "out.rrd"
     snapshot = make_map()
     draw(RrdFileSink(path), [replace(make_update(seq), map=snapshot) for seq in range(0, 750, 3)])
@@ -167,7 +155,7 @@ def test_an_unchanged_map_is_drawn_again_occasionally_for_late_viewers(
 
 
 @pytest.mark.rerun
-def test_the_next_file_has_the_map_too(tmp_path: Path, make_update: MakeUpdate) -> None:
+def test_the_next_file_has_the_map_too(tmp_path: Path) -> None:
     path = tmp_path / "out.rrd"
     snapshot = make_map()
     noisy = [replace(make_update(seq), map=snapshot) for seq in range(0, 300, 3)]

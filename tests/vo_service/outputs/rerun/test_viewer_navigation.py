@@ -1,6 +1,6 @@
 """Scan and occupancy grid in real Rerun recordings: what is drawn, and where."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +11,7 @@ from drivers.core.geometry import inverse, rigid_transform, so3_exp, transform_p
 from tests.vo_service.navigation.views import mounted, update_of, wall_on_floor
 from tests.vo_service.outputs.rerun.rerun_recording import count_rows, draw, read_column
 from tests.vo_service.outputs.rerun.test_viewer_map import SmallFile
+from tests.vo_service.outputs.sample_updates import make_update
 from vo_service.config_tables import ScanConfig
 from vo_service.navigation.frame_scans import FrameScans
 from vo_service.outputs.rerun.sinks import RrdFileSink
@@ -23,7 +24,6 @@ pytestmark = pytest.mark.rerun
 MOUNT = mounted(0.5, 10.0)
 SCAN, GRID = "/world/scan", "/world/grid"
 POSITIONS = "Points3D:positions"
-MakeUpdate = Callable[..., OdometryUpdate]
 
 
 def grid_at(x_m: float) -> OccupancyGrid:
@@ -102,7 +102,7 @@ def test_the_grid_of_a_loaded_map_moves_to_where_the_robot_finds_itself(tmp_path
     np.testing.assert_allclose(in_map, grid.centers_m(OCCUPIED), atol=1e-5)
 
 
-def test_the_next_file_has_the_grid_too(tmp_path: Path, make_update: MakeUpdate) -> None:
+def test_the_next_file_has_the_grid_too(tmp_path: Path) -> None:
     grid = grid_at(1.0)
     draw(
         SmallFile(tmp_path / "a.rrd"),

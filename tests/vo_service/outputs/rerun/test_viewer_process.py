@@ -5,7 +5,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +17,7 @@ from drivers.core import InputError, UserFacingError
 from tests.resource_leaks import child_pids, is_alive, resident_memory_kb, resources_in_use
 from tests.vo_service.outputs.rerun.faulty_sinks import BlockingSink, FullDiskSink, LeakingSink
 from tests.vo_service.outputs.rerun.rerun_recording import count_rows, is_complete, read_column
+from tests.vo_service.outputs.sample_updates import make_update
 from tests.waiting import wait_until
 from vo_service.config_tables import RerunConfig
 from vo_service.outputs.rerun.output import RerunOutput, open_rerun_output
@@ -26,7 +27,6 @@ from vo_service.types.odometry_update import OdometryUpdate
 
 pytestmark = pytest.mark.subprocess
 
-MakeUpdate = Callable[..., OdometryUpdate]
 # Far longer than any call that does not wait for the viewer, even on a busy computer.
 AT_ONCE_S = 10.0
 
@@ -67,9 +67,7 @@ def show_until(output: RerunOutput, update: OdometryUpdate, warning: str) -> Non
     wait_until(has_warned)
 
 
-def test_results_reach_the_file_and_no_process_is_left(
-    tmp_path: Path, make_update: MakeUpdate, status: Status
-) -> None:
+def test_results_reach_the_file_and_no_process_is_left(tmp_path: Path, status: Status) -> None:
     before = resources_in_use()
     path = tmp_path / "out.rrd"
     with running_output(RrdFileSink(path), pace=PlaybackMode.LOCKSTEP) as (output, process):
@@ -98,9 +96,7 @@ def test_the_service_does_not_import_rerun(tmp_path: Path) -> None:
     assert (done.stdout, done.stderr) == ("set()\n", "")
 
 
-def test_a_frozen_process_blocks_nothing(
-    tmp_path: Path, make_update: MakeUpdate, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_frozen_process_blocks_nothing(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     output = RerunOutput(RrdFileSink(tmp_path / "out.rrd"))
     (process,) = child_pids()
     os.kill(process, signal.SIGSTOP)
@@ -115,7 +111,7 @@ def test_a_frozen_process_blocks_nothing(
 
 
 def test_a_killed_process_is_restarted_and_draws_earlier_results(
-    tmp_path: Path, make_update: MakeUpdate, caplog: pytest.LogCaptureFixture
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     path = tmp_path / "out.rrd"
     with running_output(RrdFileSink(path), pace=PlaybackMode.LOCKSTEP) as (output, process):
@@ -149,15 +145,13 @@ def test_the_process_exits_when_the_service_is_killed(tmp_path: Path) -> None:
     wait_until(lambda: not is_alive(process))
 
 
-def test_a_process_blocked_in_rerun_is_reported(make_update: MakeUpdate) -> None:
+def test_a_process_blocked_in_rerun_is_reported() -> None:
     with running_output(BlockingSink()) as (output, _):
         show_until(output, make_update(0), "rerun: blocked does not read its data")
         assert flood(output, make_update(0)) < AT_ONCE_S
 
 
-def test_a_process_with_too_much_memory_is_restarted(
-    make_update: MakeUpdate, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_process_with_too_much_memory_is_restarted(caplog: pytest.LogCaptureFixture) -> None:
     settings = RerunConfig(memory_mb=300)
     sizes_mb = []
     with running_output(LeakingSink(100), settings) as (output, process):
@@ -182,7 +176,7 @@ def resident_mb(process: int) -> float:
 
 
 def test_lost_data_is_reported_during_the_fault_and_at_the_end(
-    make_update: MakeUpdate, caplog: pytest.LogCaptureFixture
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     output = RerunOutput(FullDiskSink())
     show_until(
@@ -198,9 +192,7 @@ def test_lost_data_is_reported_during_the_fault_and_at_the_end(
     assert caplog.text.count("the disk is full") == 1
 
 
-def test_while_paused_nothing_is_drawn_and_the_log_has_a_line(
-    tmp_path: Path, make_update: MakeUpdate
-) -> None:
+def test_while_paused_nothing_is_drawn_and_the_log_has_a_line(tmp_path: Path) -> None:
     path = tmp_path / "out.rrd"
     with running_output(RrdFileSink(path), pace=PlaybackMode.LOCKSTEP) as (output, _):
         for is_paused in (False, True, True, False):

@@ -1,6 +1,5 @@
 """Real Rerun recordings, read back."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from tests.vo_service.outputs.rerun.rerun_recording import (
     is_complete,
     read_column,
 )
+from tests.vo_service.outputs.sample_updates import make_update
 from vo_service.outputs.rerun.messages import TextLog
 from vo_service.outputs.rerun.scene import back_project
 from vo_service.outputs.rerun.sinks import RrdFileSink
@@ -23,8 +23,6 @@ from vo_service.types.odometry_update import OdometryUpdate
 
 pytestmark = pytest.mark.rerun
 
-MakeUpdate = Callable[..., OdometryUpdate]
-
 
 def record(
     path: Path, updates: list[OdometryUpdate], ground_truth: Trajectory | None = None
@@ -33,7 +31,7 @@ def record(
 
 
 @pytest.mark.subprocess
-def test_a_recording_is_complete(tmp_path: Path, make_update: MakeUpdate) -> None:
+def test_a_recording_is_complete(tmp_path: Path) -> None:
     path = tmp_path / "out.rrd"
     record(path, [make_update(seq) for seq in range(30)])
     assert is_complete(path)
@@ -45,7 +43,7 @@ def test_a_recording_is_complete(tmp_path: Path, make_update: MakeUpdate) -> Non
     assert counted["/depth"] == counted["/world/trajectory/latest"] == 10
 
 
-def test_poses_and_counts_are_recorded_unchanged(tmp_path: Path, make_update: MakeUpdate) -> None:
+def test_poses_and_counts_are_recorded_unchanged(tmp_path: Path) -> None:
     path = tmp_path / "out.rrd"
     updates = [make_update(seq) for seq in range(5)]
     record(path, updates)
@@ -55,9 +53,7 @@ def test_poses_and_counts_are_recorded_unchanged(tmp_path: Path, make_update: Ma
     assert read_column(path, "/plots/counts/inliers", "Scalars:scalars") == [[7.0]] * 5
 
 
-def test_the_learned_timing_is_plotted_and_its_source_is_logged(
-    tmp_path: Path, make_update: MakeUpdate
-) -> None:
+def test_the_learned_timing_is_plotted_and_its_source_is_logged(tmp_path: Path) -> None:
     path = tmp_path / "out.rrd"
     usual = OnlineTiming(0.029, 0.0, 0.004, 0.005, "usual for the sensor")
     learned = OnlineTiming(0.0305, -0.0027, 0.0012, 0.0006, "learned")
@@ -83,9 +79,7 @@ def with_timing(update: OdometryUpdate, timing: OnlineTiming) -> OdometryUpdate:
     return replace(update, estimate=replace(update.estimate, timing=timing))
 
 
-def test_a_long_trajectory_is_not_resent_with_each_point(
-    tmp_path: Path, make_update: MakeUpdate
-) -> None:
+def test_a_long_trajectory_is_not_resent_with_each_point(tmp_path: Path) -> None:
     path = tmp_path / "out.rrd"
     updates = [make_update(seq) for seq in range(0, 3 * 250, 3)]
     record(path, updates)
@@ -96,9 +90,7 @@ def test_a_long_trajectory_is_not_resent_with_each_point(
     assert [sum(map(len, strips)) for strips in so_far] == [1, 100, 200]
 
 
-def test_the_truth_is_aligned_with_the_first_estimate(
-    tmp_path: Path, make_update: MakeUpdate
-) -> None:
+def test_the_truth_is_aligned_with_the_first_estimate(tmp_path: Path) -> None:
     path = tmp_path / "out.rrd"
     updates = [make_update(seq) for seq in range(10)]
     T_truth_world = rigid_transform(np.diag([-1.0, -1.0, 1.0]), [5.0, 6.0, 7.0])
@@ -110,16 +102,14 @@ def test_the_truth_is_aligned_with_the_first_estimate(
     np.testing.assert_allclose(np.array(strips)[0], expected, atol=1e-5)
 
 
-def test_truth_of_another_time_is_not_drawn(tmp_path: Path, make_update: MakeUpdate) -> None:
+def test_truth_of_another_time_is_not_drawn(tmp_path: Path) -> None:
     path = tmp_path / "out.rrd"
     ground_truth = Trajectory(np.array([1.0, 2.0]), np.array([np.eye(4), np.eye(4)]))
     record(path, [make_update(0)], ground_truth)
     assert count_rows(path)["/world/ground_truth"] == 0
 
 
-def test_only_changes_of_state_are_recorded(
-    tmp_path: Path, make_update: MakeUpdate, status: Status
-) -> None:
+def test_only_changes_of_state_are_recorded(tmp_path: Path, status: Status) -> None:
     path = tmp_path / "out.rrd"
     updates = [make_update(seq, ok=ok) for seq, ok in enumerate([True, True, False, False])]
     draw(RrdFileSink(path), [*updates, status, status, TextLog("paused")])
@@ -131,7 +121,7 @@ def test_only_changes_of_state_are_recorded(
     ]
 
 
-def test_points_project_to_their_pixels(make_update: MakeUpdate) -> None:
+def test_points_project_to_their_pixels() -> None:
     frame = make_update(0).frame
     points, colors = back_project(frame, grid_px=4)
     pixels = transform_points(rigid_transform(frame.camera.K, np.zeros(3)), points.astype(float))

@@ -2,7 +2,6 @@
 
 import logging
 import os
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,17 +13,13 @@ from drivers.core.geometry import read_trajectory
 from drivers.core.queues import BlockingQueue, DropOldestQueue
 from tests.full_disk import limit_file_size
 from tests.vo_service.cli.cli_runner import count_lines
+from tests.vo_service.outputs.sample_updates import make_update
 from tests.waiting import wait_until
 from vo_service.outputs.trajectory.trajectory_file import TrajectoryFileOutput
 from vo_service.types.messages import Status
-from vo_service.types.odometry_update import OdometryUpdate
-
-MakeUpdate = Callable[..., OdometryUpdate]
 
 
-def test_every_good_frame_becomes_one_line(
-    tmp_path: Path, make_update: MakeUpdate, status: Status
-) -> None:
+def test_every_good_frame_becomes_one_line(tmp_path: Path, status: Status) -> None:
     output = TrajectoryFileOutput(tmp_path / "out.txt", BlockingQueue(8))
     for seq in range(5):
         output.on_update(make_update(seq, ok=seq != 2))
@@ -36,9 +31,7 @@ def test_every_good_frame_becomes_one_line(
     np.testing.assert_allclose(poses.T_world_camera, [u.T_world_camera for u in good], atol=1e-7)
 
 
-def test_after_a_clock_was_set_back_the_lines_are_sorted_at_the_end(
-    tmp_path: Path, make_update: MakeUpdate
-) -> None:
+def test_after_a_clock_was_set_back_the_lines_are_sorted_at_the_end(tmp_path: Path) -> None:
     output = TrajectoryFileOutput(tmp_path / "out.txt", BlockingQueue(8))
     for seq, stamp_s in enumerate((5.0, 6.0, 2.0, 3.0, 5.0)):
         output.on_update(replace(make_update(seq), stamp_s=stamp_s))
@@ -49,7 +42,7 @@ def test_after_a_clock_was_set_back_the_lines_are_sorted_at_the_end(
     np.testing.assert_allclose(poses.T_world_camera[2], of_the_last, atol=1e-7)
 
 
-def test_lines_are_on_disk_before_close(tmp_path: Path, make_update: MakeUpdate) -> None:
+def test_lines_are_on_disk_before_close(tmp_path: Path) -> None:
     output = TrajectoryFileOutput(tmp_path / "out.txt", BlockingQueue(8))
     output.on_update(make_update(0))
     output.on_update(make_update(1))
@@ -72,7 +65,7 @@ def test_an_unwritable_path_is_rejected_at_once(tmp_path: Path, name: str) -> No
 
 
 def test_a_full_disk_keeps_complete_lines_and_is_logged_once(
-    tmp_path: Path, make_update: MakeUpdate, caplog: pytest.LogCaptureFixture
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     output = TrajectoryFileOutput(tmp_path / "out.txt", BlockingQueue(8))
     with limit_file_size(250):
@@ -88,9 +81,7 @@ def test_a_full_disk_keeps_complete_lines_and_is_logged_once(
     assert "free some space" in caplog.text
 
 
-def test_a_reader_that_ends_is_not_told_to_free_space(
-    tmp_path: Path, make_update: MakeUpdate
-) -> None:
+def test_a_reader_that_ends_is_not_told_to_free_space(tmp_path: Path) -> None:
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
     reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
@@ -103,9 +94,7 @@ def test_a_reader_that_ends_is_not_told_to_free_space(
         output.close()
 
 
-def test_a_blocked_disk_blocks_nothing_and_is_reported(
-    tmp_path: Path, make_update: MakeUpdate
-) -> None:
+def test_a_blocked_disk_blocks_nothing_and_is_reported(tmp_path: Path) -> None:
     pipe = tmp_path / "out.txt"
     os.mkfifo(pipe)
     reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)

@@ -1,17 +1,14 @@
 """The trajectory in memory."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
+from tests.vo_service.outputs.sample_updates import make_update
 from vo_service.outputs.trajectory.trajectory_file import TrajectoryRecorder
-from vo_service.types.odometry_update import OdometryUpdate
-
-MakeUpdate = Callable[..., OdometryUpdate]
 
 
-def test_only_good_poses_are_recorded(make_update: MakeUpdate) -> None:
+def test_only_good_poses_are_recorded() -> None:
     recorder = TrajectoryRecorder()
     updates = [make_update(0), make_update(1, ok=False), make_update(2)]
     for update in updates:
@@ -27,7 +24,7 @@ def test_without_a_pose_the_trajectory_is_empty() -> None:
     assert (len(trajectory), trajectory.T_world_camera.shape) == (0, (0, 4, 4))
 
 
-def test_of_poses_with_equal_stamps_the_last_is_kept(make_update: MakeUpdate) -> None:
+def test_of_poses_with_equal_stamps_the_last_is_kept() -> None:
     recorder = TrajectoryRecorder()
     for seq, number in ((0, 0), (1, 5), (2, 6), (3, 5), (4, 7)):
         frame = replace(make_update(number).frame, stamp_s=float(number))

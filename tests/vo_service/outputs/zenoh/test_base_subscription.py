@@ -7,6 +7,7 @@ from contextlib import closing, contextmanager
 import pytest
 import zenoh
 
+from tests.vo_service.outputs.sample_updates import make_update
 from tests.vo_service.outputs.zenoh.query_helpers import config, connected_session
 from tests.waiting import wait_until
 from vo_service.outputs.zenoh.base_subscription import (
@@ -15,7 +16,6 @@ from vo_service.outputs.zenoh.base_subscription import (
 )
 from vo_service.outputs.zenoh.output import LIVE_QOS, ZenohOutput
 from vo_service.outputs.zenoh.session_endpoints import ExtraEndpoints
-from vo_service.types.odometry_update import OdometryUpdate
 
 pytestmark = pytest.mark.zenoh
 
@@ -61,9 +61,7 @@ def test_a_message_that_is_far_too_long_is_not_handed_over(free_port: int) -> No
     assert received == [b"short"]
 
 
-def test_a_flood_delays_no_pose_and_the_newest_message_arrives(
-    free_port: int, make_update: Callable[..., OdometryUpdate]
-) -> None:
+def test_a_flood_delays_no_pose_and_the_newest_message_arrives(free_port: int) -> None:
     received: list[bytes] = []
     poses = threading.Semaphore(0)
     with output_with_wheels(free_port, received.append) as (output, session):

@@ -2,10 +2,10 @@
 
 import logging
 import threading
-from collections.abc import Callable
 
 import pytest
 
+from tests.vo_service.outputs.sample_updates import make_update
 from tests.vo_service.outputs.zenoh.query_helpers import (
     answer_next_command,
     config,
@@ -23,11 +23,8 @@ from vo_service.outputs.zenoh.session_endpoints import (
     make_command_endpoint,
 )
 from vo_service.types.commands import CommandError, PausedReply
-from vo_service.types.odometry_update import OdometryUpdate
 
 pytestmark = pytest.mark.zenoh
-
-MakeUpdate = Callable[..., OdometryUpdate]
 
 
 def test_a_full_queue_refuses_the_next_command(free_port: int) -> None:
@@ -51,9 +48,7 @@ def test_commands_above_the_rate_are_refused_and_logged_once(
     assert len(lines) == 1
 
 
-def test_a_flood_of_commands_reaches_neither_the_loop_nor_delays_poses(
-    free_port: int, make_update: MakeUpdate
-) -> None:
+def test_a_flood_of_commands_reaches_neither_the_loop_nor_delays_poses(free_port: int) -> None:
     with output_with_commands(free_port, per_second=10.0) as (output, command_queue, session):
         received = threading.Semaphore(0)
         session.declare_subscriber("kinect/odom", lambda _: received.release())

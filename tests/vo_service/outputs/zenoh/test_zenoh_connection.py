@@ -12,6 +12,7 @@ import zenoh
 
 from drivers.core import InputError
 from tests import ports
+from tests.vo_service.outputs.sample_updates import make_update
 from tests.vo_service.outputs.zenoh.query_helpers import config, connected_session, query_json
 from tests.waiting import wait_until
 from vo_service.config_tables import ZenohConfig
@@ -21,11 +22,8 @@ from vo_service.outputs.zenoh.free_port import ConnectOnFreePort
 from vo_service.outputs.zenoh.output import LIVE_QOS, ConnectOnce, ConnectWithRetry, ZenohOutput
 from vo_service.outputs.zenoh.session import ZenohPortInUseError, open_session
 from vo_service.types.messages import Status
-from vo_service.types.odometry_update import OdometryUpdate
 
 pytestmark = pytest.mark.zenoh
-
-MakeUpdate = Callable[..., OdometryUpdate]
 
 
 @pytest.fixture(autouse=True)
@@ -147,11 +145,7 @@ def test_a_port_in_use_is_a_warning_and_no_error(free_port: int) -> None:
 
 
 def test_once_the_port_is_free_everything_is_published_and_the_log_has_two_lines(
-    free_port: int,
-    make_update: MakeUpdate,
-    status: Status,
-    attempts: list[ZenohConfig],
-    caplog: pytest.LogCaptureFixture,
+    free_port: int, status: Status, attempts: list[ZenohConfig], caplog: pytest.LogCaptureFixture
 ) -> None:
     with port_in_use(free_port):
         output = ZenohOutput(config(free_port), LIVE_QOS, ConnectWithRetry)

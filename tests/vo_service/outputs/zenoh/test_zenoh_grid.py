@@ -1,6 +1,5 @@
 """The occupancy grid over real Zenoh: on change, and for those who come later."""
 
-from collections.abc import Callable
 from contextlib import closing
 from dataclasses import replace
 
@@ -10,6 +9,7 @@ import zenoh
 import zenoh.ext
 
 from drivers.ros_messages.decoding import decode_occupancy_grid
+from tests.vo_service.outputs.sample_updates import make_update
 from tests.vo_service.outputs.zenoh.query_helpers import (
     config,
     connected_session,
@@ -20,11 +20,9 @@ from tests.waiting import wait_until
 from vo_service import PoseClient
 from vo_service.outputs.zenoh.output import LOCKSTEP_QOS, ZenohOutput
 from vo_service.types.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from vo_service.types.odometry_update import OdometryUpdate
 
 pytestmark = pytest.mark.zenoh
 
-MakeUpdate = Callable[..., OdometryUpdate]
 FIRST = OccupancyGrid(np.array([[FREE, OCCUPIED, UNKNOWN]], np.int8), 0.05, (-1.0, 2.0))
 SECOND = OccupancyGrid(np.array([[FREE, FREE, UNKNOWN]], np.int8), 0.05, (-1.0, 2.0))
 
@@ -43,7 +41,7 @@ def late_sample(session: zenoh.Session, key: str) -> bytes:
     return received[-1]
 
 
-def test_a_changed_grid_is_published_and_kept(free_port: int, make_update: MakeUpdate) -> None:
+def test_a_changed_grid_is_published_and_kept(free_port: int) -> None:
     samples: list[zenoh.Sample] = []
     with (
         closing(ZenohOutput(config(free_port), LOCKSTEP_QOS)) as output,

@@ -2,7 +2,7 @@
 
 import dataclasses
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from drivers.camera import Led
 from scripts.write_reference import SCHEMA_FOLDER, make_files
 from tests.json_schema import schema_errors
+from tests.vo_service.outputs.sample_updates import make_update
 from tests.vo_service.sample_map import make_map
 from vo_service.outputs.zenoh.json_schemas import JSON_SCHEMA_DIALECT, all_schemas, schema_of
 from vo_service.types.commands import COMMANDS, CommandError, ErrorCode, parse_command
@@ -26,7 +27,6 @@ from vo_service.types.messages import (
     pose_attachment,
     versions,
 )
-from vo_service.types.odometry_update import OdometryUpdate
 
 SCHEMAS = all_schemas()
 REFERENCE = Path(__file__).parents[4] / "docs" / "reference"
@@ -84,7 +84,7 @@ def test_a_wrong_status_is_invalid(status: Status, group: str, key: str, wrong: 
     assert len(schema_errors(SCHEMAS["status"], content)) == 1
 
 
-def test_attachments_and_errors_are_valid(make_update: Callable[..., OdometryUpdate]) -> None:
+def test_attachments_and_errors_are_valid() -> None:
     for ok in (True, False):
         content = json.loads(pose_attachment(make_update(3, ok=ok)))
         assert schema_errors(SCHEMAS["odom-attachment"], content) == []

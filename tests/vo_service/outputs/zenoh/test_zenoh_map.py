@@ -1,7 +1,7 @@
 """The map->odom transform over real Zenoh."""
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
@@ -11,6 +11,7 @@ import pytest
 import zenoh
 
 from drivers.ros_messages.decoding import decode_transform
+from tests.vo_service.outputs.sample_updates import make_update
 from tests.vo_service.outputs.zenoh.query_helpers import (
     config,
     connected_session,
@@ -23,11 +24,9 @@ from vo_service.config_tables import FrameIds
 from vo_service.outputs.zenoh.output import LOCKSTEP_QOS, ZenohOutput
 from vo_service.outputs.zenoh.session_endpoints import ExtraEndpoints
 from vo_service.types.messages import Status
-from vo_service.types.odometry_update import OdometryUpdate
 
 pytestmark = pytest.mark.zenoh
 
-MakeUpdate = Callable[..., OdometryUpdate]
 KEY = "kinect/map_odom"
 
 
@@ -62,9 +61,7 @@ def attachment_of(sample: zenoh.Sample) -> dict[str, Any]:
     return found
 
 
-def test_a_map_transform_has_its_frames_and_the_stamp_of_the_pose(
-    free_port: int, make_update: MakeUpdate
-) -> None:
+def test_a_map_transform_has_its_frames_and_the_stamp_of_the_pose(free_port: int) -> None:
     update = replace(make_update(7), map=make_map())
     with connected_output(free_port) as connected:
         connected.output.on_update(update)
@@ -80,9 +77,7 @@ def test_a_map_transform_has_its_frames_and_the_stamp_of_the_pose(
     }  # fmt: skip
 
 
-def test_a_map_transform_is_published_when_the_map_or_the_epoch_changes(
-    free_port: int, make_update: MakeUpdate
-) -> None:
+def test_a_map_transform_is_published_when_the_map_or_the_epoch_changes(free_port: int) -> None:
     first, second = make_map(epoch=1), make_map(5, epoch=1)
     with connected_output(free_port) as connected:
         for seq, snapshot, epoch in [
@@ -97,7 +92,7 @@ def test_a_map_transform_is_published_when_the_map_or_the_epoch_changes(
 
 
 def test_a_map_transform_is_published_with_each_status_and_the_newest_stamp(
-    free_port: int, make_update: MakeUpdate, status: Status
+    free_port: int, status: Status
 ) -> None:
     snapshot = make_map()
     with connected_output(free_port) as connected:
@@ -109,9 +104,7 @@ def test_a_map_transform_is_published_with_each_status_and_the_newest_stamp(
     assert [attachment_of(sample)["seq"] for sample in connected.maps] == [0, 1, 1]
 
 
-def test_without_a_map_no_transform_is_published(
-    free_port: int, make_update: MakeUpdate, status: Status
-) -> None:
+def test_without_a_map_no_transform_is_published(free_port: int, status: Status) -> None:
     with connected_output(free_port) as connected:
         connected.output.on_update(make_update(0))
         connected.output.on_status(status)
@@ -122,9 +115,7 @@ def test_without_a_map_no_transform_is_published(
     assert [attachment_of(sample)["seq"] for sample in connected.maps] == [1]
 
 
-def test_a_map_transform_can_be_queried_with_the_stamp_of_the_newest_pose(
-    free_port: int, make_update: MakeUpdate
-) -> None:
+def test_a_map_transform_can_be_queried_with_the_stamp_of_the_newest_pose(free_port: int) -> None:
     snapshot = make_map(is_localized=False)
     with connected_output(free_port) as connected:
         for seq in range(6):
@@ -144,7 +135,7 @@ def seq_of(replies: list[zenoh.Reply]) -> int:
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_a_map_transform_that_is_not_finite_is_not_published_but_its_pose_is(
-    free_port: int, make_update: MakeUpdate, bad: float, caplog: pytest.LogCaptureFixture
+    free_port: int, bad: float, caplog: pytest.LogCaptureFixture
 ) -> None:
     with connected_output(free_port) as connected:
         connected.output.on_update(
@@ -158,9 +149,7 @@ def test_a_map_transform_that_is_not_finite_is_not_published_but_its_pose_is(
     assert connected.output.errors == 1
 
 
-def test_the_frame_names_are_those_of_the_configuration(
-    free_port: int, make_update: MakeUpdate
-) -> None:
+def test_the_frame_names_are_those_of_the_configuration(free_port: int) -> None:
     names = FrameIds(map_frame_id="house", odom_frame_id="robot1/odom")
     extras = ExtraEndpoints(frame_ids=names)
     with (

@@ -16,6 +16,7 @@ import pytest
 import zenoh
 from rosbags.typesys import Stores, get_typestore
 
+from tests.vo_service.outputs.sample_updates import make_update
 from vo_service.config_tables import ZenohConfig
 from vo_service.outputs.zenoh.output import LIVE_QOS, LOCKSTEP_QOS, ZenohOutput
 from vo_service.outputs.zenoh.session import open_session
@@ -24,7 +25,6 @@ from vo_service.types.odometry_update import OdometryUpdate
 
 pytestmark = pytest.mark.zenoh
 
-MakeUpdate = Callable[..., OdometryUpdate]
 READER = Path(__file__).with_name("plain_zenoh_reader.py")
 ROS = get_typestore(Stores.ROS2_JAZZY)
 
@@ -77,22 +77,20 @@ def receive(handler: Any, timeout_s: float = 10.0) -> zenoh.Sample:
 
 
 @pytest.mark.subprocess
-def test_a_separate_subscriber_gets_every_pose_of_a_replay_in_order(
-    free_port: int, make_update: MakeUpdate
-) -> None:
+def test_a_separate_subscriber_gets_every_pose_of_a_replay_in_order(free_port: int) -> None:
     samples = read_with_plain_zenoh(free_port, [make_update(seq) for seq in range(1000)])
     assert [sample["attachment"]["seq"] for sample in samples] == list(range(1000))
 
 
 @pytest.mark.subprocess
-def test_a_slow_subscriber_gets_the_last_poses_too(free_port: int, make_update: MakeUpdate) -> None:
+def test_a_slow_subscriber_gets_the_last_poses_too(free_port: int) -> None:
     updates = [make_update(0)] * 900
     # Longer than Zenoh's keep-alive period: closing at once would lose the tail.
     assert len(read_with_plain_zenoh(free_port, updates, seconds_per_sample=0.005)) == 900
 
 
 @pytest.mark.subprocess
-def test_rosbags_decodes_the_same_numbers(free_port: int, make_update: MakeUpdate) -> None:
+def test_rosbags_decodes_the_same_numbers(free_port: int) -> None:
     updates = [make_update(seq) for seq in range(20)]
     for update, sample in zip(updates, read_with_plain_zenoh(free_port, updates), strict=True):
         message: Any = ROS.deserialize_cdr(
@@ -109,7 +107,7 @@ def test_rosbags_decodes_the_same_numbers(free_port: int, make_update: MakeUpdat
 
 
 @pytest.mark.subprocess
-def test_the_attachment_has_the_state_of_the_pose(free_port: int, make_update: MakeUpdate) -> None:
+def test_the_attachment_has_the_state_of_the_pose(free_port: int) -> None:
     samples = read_with_plain_zenoh(free_port, [make_update(0), make_update(1, ok=False)])
     assert [sample["attachment"] for sample in samples] == [
         {"schema": 1, "seq": 0, "state": "tracking", "epoch": 1, "reason": ""},
@@ -141,7 +139,7 @@ def test_the_liveliness_token_is_there_until_closed(free_port: int) -> None:
 
 @pytest.mark.parametrize("field", ["T_odom_base", "pose_covariance", "twist_covariance"])
 def test_a_pose_that_is_not_finite_is_not_published(
-    free_port: int, make_update: MakeUpdate, field: str, caplog: pytest.LogCaptureFixture
+    free_port: int, field: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     values = np.array(getattr(make_update(0), field))
     values[0, 3] = np.nan
@@ -159,9 +157,7 @@ def test_a_pose_that_is_not_finite_is_not_published(
     assert "not finite" in caplog.text
 
 
-def test_publishing_without_subscribers_loses_nothing_and_ends(
-    free_port: int, make_update: MakeUpdate
-) -> None:
+def test_publishing_without_subscribers_loses_nothing_and_ends(free_port: int) -> None:
     output = ZenohOutput(config(free_port), LIVE_QOS)
     for seq in range(50):
         output.on_update(make_update(seq))
@@ -171,9 +167,7 @@ def test_publishing_without_subscribers_loses_nothing_and_ends(
 
 
 @pytest.mark.subprocess
-def test_a_frozen_subscriber_does_not_block_a_live_service(
-    free_port: int, make_update: MakeUpdate
-) -> None:
+def test_a_frozen_subscriber_does_not_block_a_live_service(free_port: int) -> None:
     output = ZenohOutput(config(free_port), LIVE_QOS)
     update = make_update(0)
     with reader(free_port, 1, 0.0) as process:

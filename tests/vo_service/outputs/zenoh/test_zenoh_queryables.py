@@ -2,13 +2,13 @@
 
 import json
 import threading
-from collections.abc import Callable
 from contextlib import closing
 
 import numpy as np
 import pytest
 
 from drivers.ros_messages.decoding import decode_odometry
+from tests.vo_service.outputs.sample_updates import make_update
 from tests.vo_service.outputs.zenoh.query_helpers import (
     config,
     connected_session,
@@ -19,11 +19,8 @@ from tests.vo_service.outputs.zenoh.query_helpers import (
 from tests.waiting import wait_until
 from vo_service.outputs.zenoh.output import ZenohOutput
 from vo_service.types.messages import Status
-from vo_service.types.odometry_update import OdometryUpdate
 
 pytestmark = pytest.mark.zenoh
-
-MakeUpdate = Callable[..., OdometryUpdate]
 
 
 def test_before_the_first_pose_a_query_returns_an_error(free_port: int) -> None:
@@ -34,7 +31,7 @@ def test_before_the_first_pose_a_query_returns_an_error(free_port: int) -> None:
     assert status["message"] == "there is no status yet"
 
 
-def test_the_last_pose_is_the_published_message(free_port: int, make_update: MakeUpdate) -> None:
+def test_the_last_pose_is_the_published_message(free_port: int) -> None:
     with closing(ZenohOutput(config(free_port))) as output, connected_session(free_port) as session:
         output.on_update(make_update(6))
         output.on_update(make_update(7))
@@ -60,9 +57,7 @@ def test_the_last_status_is_the_published_one(free_port: int, status: Status) ->
     assert (answer["schema"], answer["state"], answer["latency"]["fps"]) == (1, "degraded", 29.9)
 
 
-def test_a_wildcard_query_gets_each_reply_under_its_own_key(
-    free_port: int, make_update: MakeUpdate, status: Status
-) -> None:
+def test_a_wildcard_query_gets_each_reply_under_its_own_key(free_port: int, status: Status) -> None:
     with closing(ZenohOutput(config(free_port))) as output, connected_session(free_port) as session:
         output.on_status(status)
         output.on_update(make_update(0))
@@ -71,9 +66,7 @@ def test_a_wildcard_query_gets_each_reply_under_its_own_key(
     assert keys == {"kinect/latest", "kinect/status", "kinect/schema"}
 
 
-def test_a_flood_of_queries_does_not_affect_poses_and_later_replies(
-    free_port: int, make_update: MakeUpdate
-) -> None:
+def test_a_flood_of_queries_does_not_affect_poses_and_later_replies(free_port: int) -> None:
     with closing(ZenohOutput(config(free_port))) as output, connected_session(free_port) as session:
         replies: list[int] = []
         received = threading.Semaphore(0)

@@ -5,13 +5,14 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from queue import SimpleQueue
 
 import pytest
 import zenoh
 
+from tests.vo_service.outputs.sample_updates import make_update
 from tests.vo_service.outputs.zenoh.query_helpers import connected_session
 from vo_service.config_tables import ZenohConfig
 from vo_service.outputs.zenoh.output import LIVE_QOS, ConnectWithRetry, ZenohOutput
@@ -70,7 +71,7 @@ class HealthySubscriber:
 
 
 @pytest.fixture
-def updates(make_update: Callable[..., OdometryUpdate]) -> list[OdometryUpdate]:
+def updates() -> list[OdometryUpdate]:
     return [make_update(seq) for seq in range(COUNT)]
 
 

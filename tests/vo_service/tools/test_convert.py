@@ -34,7 +34,6 @@ from tests.drivers.bag.test_bag import (
     make_bag,
     write_color,
     write_frame,
-    write_stamped,
 )
 from tests.full_disk import limit_file_size
 from tests.vo_service.fakes import make_frame
@@ -390,7 +389,7 @@ def test_a_clock_that_was_set_back_stays_in_the_order_of_recording(
     tmp_path: Path, name: str, kind: OutputFormat
 ) -> None:
     def fill(bag: BagWriter, k: int) -> None:
-        write_stamped(bag, k, k if k < 20 else k - 30)
+        write_frame(bag, k, k if k < 20 else k - 30)
 
     make_bag(tmp_path / "jump", fill, count=40)
     convert_path(tmp_path / "jump", tmp_path / name, kind)

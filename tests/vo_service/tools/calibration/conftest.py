@@ -12,7 +12,6 @@ from tests.vo_service.tools.calibration.board_snapshots import (
     each_image_is_searched_once,
     load_snapshots,
 )
-from vo_service.tools.calibration.chessboards import Chessboard
 from vo_service.tools.calibration.color_camera import ColorCalibrationResult, calibrate_color
 from vo_service.tools.calibration.depth_camera import DepthCalibrationResult, calibrate_depth
 from vo_service.tools.calibration.snapshot import Snapshot
@@ -23,12 +22,6 @@ FILE = "calibrated.pickle"
 
 
 @pytest.fixture(scope="session")
-def board() -> Chessboard:
-    """Chessboard on A3."""
-    return BOARD
-
-
-@pytest.fixture(scope="session")
 def photographs(tmp_path_factory: pytest.TempPathFactory) -> list[Snapshot]:
     """Snapshots of the board in many places, color and depth."""
     return load_snapshots(tmp_path_factory)
@@ -36,19 +29,17 @@ def photographs(tmp_path_factory: pytest.TempPathFactory) -> list[Snapshot]:
 
 @pytest.fixture(scope="session")
 def calibrated_kinect(
-    board: Chessboard,
-    photographs: Sequence[Snapshot],
-    tmp_path_factory: pytest.TempPathFactory,
+    photographs: Sequence[Snapshot], tmp_path_factory: pytest.TempPathFactory
 ) -> CalibratedKinect:
     """Views and calibration, computed once for all processes of pytest."""
 
     def calibrate(folder: Path) -> None:
-        selector = ViewSelector(board)
+        selector = ViewSelector(BOARD)
         with each_image_is_searched_once(tmp_path_factory):
             for snapshot in photographs:
                 selector.process(snapshot)
         color = calibrate_color(selector.views)
-        depth = calibrate_depth(color, board.layout, 1000.0, lambda done, total: None)
+        depth = calibrate_depth(color, BOARD.layout, 1000.0, lambda done, total: None)
         (folder / FILE).write_bytes(pickle.dumps((selector, color, depth)))
 
     folder = make_once(tmp_path_factory, "calibrated", calibrate)

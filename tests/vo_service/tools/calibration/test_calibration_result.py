@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from drivers.calibration import read_calibration
+from tests.vo_service.tools.calibration.board_snapshots import BOARD
 from vo_service.tools.calibration.calibration_result import CalibrationResult
-from vo_service.tools.calibration.chessboards import Chessboard
 from vo_service.tools.calibration.collect_folder import RAW_CALIBRATION
 from vo_service.tools.calibration.color_camera import ColorCalibrationResult
 from vo_service.tools.calibration.depth_camera import DepthCalibrationResult
@@ -21,11 +21,9 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.fixture
-def calibration(
-    board: Chessboard, color: ColorCalibrationResult, depth: DepthCalibrationResult
-) -> CalibrationResult:
+def calibration(color: ColorCalibrationResult, depth: DepthCalibrationResult) -> CalibrationResult:
     known = replace(RAW_CALIBRATION, readout_s=0.02)
-    return CalibrationResult(board, known, color, [depth], ["a warning"])
+    return CalibrationResult(BOARD, known, color, [depth], ["a warning"])
 
 
 def test_the_camera_file_has_the_result(calibration: CalibrationResult, tmp_path: Path) -> None:

@@ -7,8 +7,8 @@ import pytest
 
 from drivers.core import UserFacingError
 from drivers.core.geometry import rigid_transform
+from tests.vo_service.tools.calibration.board_snapshots import BOARD
 from tests.vo_service.tools.calibration.rendered_boards import RenderedKinect
-from vo_service.tools.calibration.chessboards import Chessboard
 from vo_service.tools.calibration.color_camera import ColorCalibrationResult, calibrate_color
 from vo_service.tools.calibration.depth_camera import DepthCalibrationResult
 from vo_service.tools.calibration.validation import validate_color, validate_depth
@@ -27,10 +27,10 @@ def test_good_views_give_no_warning(
 
 
 @pytest.mark.slow
-def test_boards_that_all_face_the_camera_are_rejected_with_instructions(board: Chessboard) -> None:
+def test_boards_that_all_face_the_camera_are_rejected_with_instructions() -> None:
     positions = [(x, y, z) for x in (-0.25, -0.1) for y in (-0.2, -0.05) for z in (0.8, 1.0, 1.2)]
     views = RenderedKinect().make_views(
-        board, [rigid_transform(np.eye(3), position) for position in positions]
+        BOARD, [rigid_transform(np.eye(3), position) for position in positions]
     )
     gaps = find_coverage_gaps(
         views, [estimate_board_pose(view) for view in views], with_depth=False

@@ -7,13 +7,13 @@ import pytest
 
 from drivers.core import UserFacingError
 from drivers.core.geometry import Array
+from tests.vo_service.tools.calibration.board_snapshots import BOARD
 from tests.vo_service.tools.calibration.rendered_boards import (
     COLOR_LENS,
     RenderedKinect,
     random_board_poses,
 )
 from vo_service.tools.calibration.board import BoardCorners
-from vo_service.tools.calibration.chessboards import Chessboard
 from vo_service.tools.calibration.color_camera import (
     ColorCalibrationResult,
     calibrate_color,
@@ -63,9 +63,9 @@ def test_the_standard_deviations_have_the_size_of_the_errors(
     assert np.all(color.sigma[:4] < 1.0)
 
 
-def test_an_insignificant_coefficient_is_left_out(board: Chessboard) -> None:
+def test_an_insignificant_coefficient_is_left_out() -> None:
     result = calibrate_color(
-        RenderedKinect(color=NO_DISTORTION).make_views(board, random_board_poses(board, 15, 1))
+        RenderedKinect(color=NO_DISTORTION).make_views(BOARD, random_board_poses(BOARD, 15, 1))
     )
     assert result.lens.distortion[-1] == 0.0
 

@@ -9,7 +9,7 @@ import pytest
 from drivers.core import InputError
 from tests.conftest import FRAMES
 from tests.drivers.bag.bag_maker import BagWriter
-from tests.drivers.bag.test_bag import make_bag, write_stamped
+from tests.drivers.bag.test_bag import make_bag, write_frame
 from tests.vo_service.tools.compare.faulty_methods import FaultyMethodFactory
 from tests.vo_service.tools.compare.sample_runs import make_recording
 from vo_service.tools.compare.batch import RunProgress, RunRequest, run_in_subprocess
@@ -44,7 +44,7 @@ def test_a_selection_has_its_own_name_and_frames_and_the_same_truth() -> None:
 
 def test_a_recording_whose_clock_was_set_back_is_refused(tmp_path: Path) -> None:
     def fill(bag: BagWriter, k: int) -> None:
-        write_stamped(bag, k, k if k < 20 else k - 3000)
+        write_frame(bag, k, k if k < 20 else k - 3000)
 
     path = make_bag(tmp_path / "jump.bag", fill, "bag", count=40)
     with pytest.raises(InputError, match="its clock was set back, so methods cannot be compared"):

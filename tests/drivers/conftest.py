@@ -52,21 +52,16 @@ def make_folder(tmp_path: Path) -> FolderMaker:
     return make
 
 
-@pytest.fixture
-def make_frame() -> Callable[..., RgbdFrame]:
+def make_frame(seq: int = 0, **fields: object) -> RgbdFrame:
     """Frame number `seq` of a camera, with any field replaced."""
-
-    def make(seq: int = 0, **fields: object) -> RgbdFrame:
-        values = {
-            "seq": seq,
-            "stamp_s": 1000.0 + seq / 30,
-            "receive_time_s": 0.0,
-            "color_bgr": color_image(seq),
-            "depth_raw": depth_image(seq),
-            "depth_factor": 5000.0,
-            "camera": PINHOLE,
-            "skew_s": 0.01,
-        }
-        return RgbdFrame(**(values | fields))  # type: ignore[arg-type]
-
-    return make
+    values = {
+        "seq": seq,
+        "stamp_s": 1000.0 + seq / 30,
+        "receive_time_s": 0.0,
+        "color_bgr": color_image(seq),
+        "depth_raw": depth_image(seq),
+        "depth_factor": 5000.0,
+        "camera": PINHOLE,
+        "skew_s": 0.01,
+    }
+    return RgbdFrame(**(values | fields))  # type: ignore[arg-type]

@@ -179,18 +179,14 @@ def test_the_folder_here_is_known_by_its_real_name(
     assert find_calibration(Path(), None) is TUM_CALIBRATIONS["2"]
 
 
-def test_the_file_in_the_folder_overrides_its_name(tmp_path: Path) -> None:
+def test_the_file_in_the_folder_overrides_its_name_and_a_given_file_both(tmp_path: Path) -> None:
     folder = tmp_path / "freiburg1"
     folder.mkdir()
     (folder / "camera.toml").write_text(MILLIMETERS)
     assert find_calibration(folder, None).depth_factor == 1000.0
-
-
-def test_the_given_file_overrides_the_one_in_the_folder(tmp_path: Path) -> None:
-    (tmp_path / "camera.toml").write_text(MILLIMETERS)
     given_file = tmp_path / "mine.toml"
     given_file.write_text(TEXT)
-    assert find_calibration(tmp_path, given_file).depth_factor == 5000.0
+    assert find_calibration(folder, given_file).depth_factor == 5000.0
 
 
 def test_an_unreadable_camera_file_is_never_skipped(tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 import logging
 import os
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from drivers.camera import PinholeCamera, PlaybackMode, RgbdFrame
+from drivers.camera import PinholeCamera, PlaybackMode
 from drivers.core import InputError
 from drivers.plausibility import (
     KINECT_STEP_PER_M,
@@ -24,7 +23,7 @@ from drivers.playback.camera import RecordingCamera
 from drivers.playback.frame_reader import log_implausible
 from drivers.playback.recording_formats import open_recording
 from drivers.registry import open_camera
-from tests.drivers.conftest import FolderMaker
+from tests.drivers.conftest import FolderMaker, make_frame
 from vo_service.config import read_config
 
 KINECT = PinholeCamera(640, 480, 525.0, 525.0, 319.5, 239.5)
@@ -115,11 +114,8 @@ def test_steps_of_a_kinect_show_that_a_far_wall_is_no_wrong_unit() -> None:
     assert find_unit_fault(far, 1000.0) == ""
 
 
-FrameMaker = Callable[..., RgbdFrame]
-
-
 def test_holes_stored_as_a_large_value_are_named_once(
-    make_folder: FolderMaker, make_frame: FrameMaker, caplog: pytest.LogCaptureFixture
+    make_folder: FolderMaker, caplog: pytest.LogCaptureFixture
 ) -> None:
     camera = RecordingCamera(make_folder(), None, PlaybackMode.LOCKSTEP)
     depth = np.full((48, 64), 1500, np.uint16)
@@ -132,7 +128,7 @@ def test_holes_stored_as_a_large_value_are_named_once(
     assert "42% of the depth is beyond 10 m, most often the value 60000" in line
 
 
-def test_a_crop_is_a_warning(make_folder: FolderMaker, make_frame: FrameMaker) -> None:
+def test_a_crop_is_a_warning(make_folder: FolderMaker) -> None:
     folder = make_folder()
     with RecordingCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
         check = PlausibilityCheck(camera)
@@ -140,7 +136,7 @@ def test_a_crop_is_a_warning(make_folder: FolderMaker, make_frame: FrameMaker) -
     assert f"camera file {folder / 'camera.toml'}: cx = 10 is far from the center" in check.warning
 
 
-def test_65535_is_no_reading(make_frame: FrameMaker) -> None:
+def test_65535_is_no_reading() -> None:
     depth = np.full((48, 64), 65535, np.uint16)
     depth[0, 0] = 1500
     frame = make_frame(depth_raw=depth)

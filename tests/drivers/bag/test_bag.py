@@ -3,7 +3,8 @@
 import dataclasses
 import sqlite3
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import pytest
 from rosbags.typesys import get_types_from_msg
 
 from drivers.bag.image_messages import RVL_SIZE
+from drivers.camera import RgbdFrame
 from drivers.core import InputError
 from drivers.playback.camera import RecordingCamera, playback_offsets_s
 from drivers.playback.recording_formats import open_recording
@@ -37,18 +39,28 @@ COLOR_TOPIC, DEPTH_TOPIC = "/camera/color/image_raw", "/camera/aligned_depth_to_
 INFO_TOPIC = "/camera/color/camera_info"
 KINDS = ("bag", "sqlite3", "mcap")
 Fill = Callable[[BagWriter, int], None]
+Info = Mapping[str, Any]
+NO_CHANGE: Info = {}
 
 
-def write_color(bag: BagWriter, k: int) -> None:
-    t = stamp_ns(k)
-    bag.write(INFO_TOPIC, INFO, t, bag.maker.info(t))
-    bag.write(COLOR_TOPIC, IMAGE, t, bag.maker.image(t, color_image(k), "bgr8"))
+def write_color(bag: BagWriter, k: int, stamp: int | None = None, info: Info = NO_CHANGE) -> None:
+    """Write color at the log time of the k-th frame, with the stamp of another."""
+    log_ns, t = stamp_ns(k), stamp_ns(k if stamp is None else stamp)
+    bag.write(INFO_TOPIC, INFO, log_ns, dataclasses.replace(bag.maker.info(t), **info))
+    bag.write(COLOR_TOPIC, IMAGE, log_ns, bag.maker.image(t, color_image(k), "bgr8"))
 
 
-def write_frame(bag: BagWriter, k: int) -> None:
-    write_color(bag, k)
-    t = stamp_ns(k)
-    bag.write(DEPTH_TOPIC, IMAGE, t, bag.maker.image(t, depth_mm(k), "16UC1"))
+def write_frame(bag: BagWriter, k: int, stamp: int | None = None, info: Info = NO_CHANGE) -> None:
+    """Write a frame, with changes of the color camera's information."""
+    write_color(bag, k, stamp, info)
+    t = stamp_ns(k if stamp is None else stamp)
+    bag.write(DEPTH_TOPIC, IMAGE, stamp_ns(k), bag.maker.image(t, depth_mm(k), "16UC1"))
+
+
+def first_frame(folder: Path, fill: Fill) -> RgbdFrame:
+    """The first frame of a bag."""
+    with RecordingCamera(make_bag(folder / "a", fill)) as camera:
+        return next(iter(camera))
 
 
 def make_bag(path: Path, fill: Fill = write_frame, kind: str = "mcap", count: int = 4) -> Path:
@@ -111,8 +123,7 @@ def test_compressed_images_are_read(tmp_path: Path, form: str, kind: str) -> Non
         bag.write(f"{COLOR_TOPIC}/compressed", COMPRESSED, t, bag.maker.compressed(t, color, form))
         bag.write(f"{DEPTH_TOPIC}/compressedDepth", COMPRESSED, t, depth)
 
-    with RecordingCamera(make_bag(tmp_path / "a", fill)) as camera:
-        frame = next(iter(camera))
+    frame = first_frame(tmp_path, fill)
     np.testing.assert_array_equal(frame.depth_raw, depth_mm(0))
     assert np.abs(frame.color_bgr.astype(int) - color_image(0)).mean() < 3
 
@@ -128,8 +139,7 @@ def test_compressed_depth_in_meters_is_inverted(tmp_path: Path) -> None:
         message = bag.maker.compressed(stamp_ns(k), png, "32FC1; compressedDepth png")
         bag.write(f"{DEPTH_TOPIC}/compressedDepth", COMPRESSED, stamp_ns(k), message)
 
-    with RecordingCamera(make_bag(tmp_path / "a", fill)) as camera:
-        depth_m = next(iter(camera)).depth_m
+    depth_m = first_frame(tmp_path, fill).depth_m
     assert not depth_m[:8].any()
     np.testing.assert_allclose(depth_m[8:], a / (round(a / 2.0 + b) - b), atol=2e-4)
 
@@ -177,8 +187,7 @@ def test_depth_of_its_own_camera_is_registered(tmp_path: Path) -> None:
         move = bag.maker.transform(stamp_ns(k), FRAME, "depth_optical", (0.1, 0.0, 0.2))
         bag.transforms("/tf_static", stamp_ns(k), TF, move)
 
-    with RecordingCamera(make_bag(tmp_path / "a", fill)) as camera:
-        depth = next(iter(camera)).depth_raw
+    depth = first_frame(tmp_path, fill).depth_raw
     assert set(np.unique(depth)) == {0, 1200}
     assert not depth[:, :5].any()  # nothing is seen left of the depth camera's view
 
@@ -193,8 +202,7 @@ def test_depth_of_its_own_camera_may_have_another_size(tmp_path: Path) -> None:
         bag.write("/camera/depth/image_raw", IMAGE, t, depth)
         bag.transforms("/tf_static", t, TF, make.transform(t, FRAME, frame, (0.0, 0.0, 0.0)))
 
-    with RecordingCamera(make_bag(tmp_path / "a", fill)) as camera:
-        depth = next(iter(camera)).depth_raw
+    depth = first_frame(tmp_path, fill).depth_raw
     assert depth.shape == SIZE[::-1]
     assert np.median(depth) == 1000
 
@@ -212,8 +220,7 @@ def test_gravity_comes_from_the_imu(tmp_path: Path) -> None:
         bag.transforms("/tf_static", t, TF, turn)
         bag.write("/imu/data", "sensor_msgs/msg/Imu", t, make.imu(t, (0.0, 0.0, 9.81), "imu"))
 
-    with RecordingCamera(make_bag(tmp_path / "a", fill)) as camera:
-        gravity = next(iter(camera)).gravity_m_s2
+    gravity = first_frame(tmp_path, fill).gravity_m_s2
     assert gravity is not None
     np.testing.assert_allclose(gravity, [0, 9.81, 0], atol=1e-9)
 
@@ -243,21 +250,13 @@ def test_poses_that_a_robot_estimated_are_no_ground_truth(
     assert (open_recording(make_bag(tmp_path / "a", fill)).ground_truth is not None) == is_true
 
 
-def write_stamped(bag: BagWriter, k: int, stamp: int) -> None:
-    """Write a frame at the log time of the k-th, with the stamp of another."""
-    log_ns, t, make = stamp_ns(k), stamp_ns(stamp), bag.maker
-    bag.write(INFO_TOPIC, INFO, log_ns, make.info(t))
-    bag.write(COLOR_TOPIC, IMAGE, log_ns, make.image(t, color_image(k), "bgr8"))
-    bag.write(DEPTH_TOPIC, IMAGE, log_ns, make.image(t, depth_mm(k), "16UC1"))
-
-
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("wrong", [0, 3, 8])
 def test_a_frame_an_hour_ahead_is_left_out_and_said_once(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, kind: str, wrong: int
 ) -> None:
     def fill(bag: BagWriter, k: int) -> None:
-        write_stamped(bag, k, k + 108_000 * (k == wrong))
+        write_frame(bag, k, k + 108_000 * (k == wrong))
 
     with RecordingCamera(make_bag(tmp_path / "a.bag", fill, kind, count=9)) as camera:
         numbers = [frame.stamp_s for frame in camera]
@@ -272,7 +271,7 @@ def test_all_frames_after_a_clock_was_set_back_are_read_in_the_order_of_recordin
     tmp_path: Path, caplog: pytest.LogCaptureFixture, seconds: int
 ) -> None:
     def fill(bag: BagWriter, k: int) -> None:
-        write_stamped(bag, k, k if k < 40 else k - 30 * seconds)
+        write_frame(bag, k, k if k < 40 else k - 30 * seconds)
 
     with RecordingCamera(make_bag(tmp_path / "a", fill, count=60)) as camera:
         frames = list(camera)
@@ -285,7 +284,7 @@ def test_all_frames_after_a_clock_was_set_back_are_read_in_the_order_of_recordin
 
 def test_playback_in_real_time_goes_on_after_a_clock_was_set_back(tmp_path: Path) -> None:
     def fill(bag: BagWriter, k: int) -> None:
-        write_stamped(bag, k, k if k < 20 else k - 3000)
+        write_frame(bag, k, k if k < 20 else k - 3000)
 
     path = make_bag(tmp_path / "a", fill, count=40)
     offsets_s = playback_offsets_s(open_recording(path).frames.pairs)
@@ -296,7 +295,7 @@ def test_playback_in_real_time_goes_on_after_a_clock_was_set_back(tmp_path: Path
 
 def test_a_repeated_or_late_frame_is_left_out(tmp_path: Path) -> None:
     stamps = [0, 1, 2, 2, 4, 3, 5, 6]
-    fill: Fill = lambda bag, k: write_stamped(bag, k, stamps[k])  # noqa: E731
+    fill: Fill = lambda bag, k: write_frame(bag, k, stamps[k])  # noqa: E731
     recording = open_recording(make_bag(tmp_path / "a", fill, count=len(stamps)))
     assert len(recording.frames.pairs) == 6
     assert "4 images are left out" in recording.warning
@@ -311,7 +310,7 @@ def test_frames_after_a_jump_ahead_of_the_clock_are_read(tmp_path: Path) -> None
 
 
 def test_stamps_that_fall_most_of_the_time_are_refused(tmp_path: Path) -> None:
-    path = make_bag(tmp_path / "a", lambda bag, k: write_stamped(bag, k, 100 - k), count=9)
+    path = make_bag(tmp_path / "a", lambda bag, k: write_frame(bag, k, 100 - k), count=9)
     assert "the stamps of most images are before earlier ones; record again" in complaint(path)
 
 
@@ -389,11 +388,8 @@ def test_another_size_of_depth_is_refused(tmp_path: Path) -> None:
 
 def test_a_lens_model_that_is_not_browns_is_refused(tmp_path: Path) -> None:
     def fill(bag: BagWriter, k: int) -> None:
-        t = stamp_ns(k)
-        info = bag.maker.info(t, distortion=(0.1,) * 8, model="rational_polynomial")
-        bag.write("/camera/rgb/camera_info", INFO, t, info)
-        bag.write("/camera/rgb/image_raw", IMAGE, t, bag.maker.image(t, color_image(k), "bgr8"))
-        bag.write(DEPTH_TOPIC, IMAGE, t, bag.maker.image(t, depth_mm(k), "16UC1"))
+        lens = bag.maker.info(0, distortion=(0.1,) * 8, model="rational_polynomial")
+        write_frame(bag, k, info={"d": lens.d, "distortion_model": lens.distortion_model})
 
     assert "the lens model rational_polynomial with 8" in complaint(make_bag(tmp_path / "a", fill))
 
@@ -412,14 +408,8 @@ def test_a_lens_model_that_is_not_browns_is_refused(tmp_path: Path) -> None:
 def test_a_camera_info_without_calibration_is_refused_with_the_reason(
     tmp_path: Path, change: dict[str, Any], fault: str
 ) -> None:
-    def fill(bag: BagWriter, k: int) -> None:
-        t = stamp_ns(k)
-        info = dataclasses.replace(bag.maker.info(t), **change)
-        bag.write(INFO_TOPIC, INFO, t, info)
-        bag.write(COLOR_TOPIC, IMAGE, t, bag.maker.image(t, color_image(k), "bgr8"))
-        bag.write(DEPTH_TOPIC, IMAGE, t, bag.maker.image(t, depth_mm(k), "16UC1"))
-
-    assert complaint(make_bag(tmp_path / "a", fill)) == (
+    path = make_bag(tmp_path / "a", partial(write_frame, info=change))
+    assert complaint(path) == (
         f"BAG: {INFO_TOPIC}: the camera is not calibrated ({fault}); give the camera file with "
         "--camera-file"
     )

@@ -1,6 +1,5 @@
 """Recording into MCAP: its messages, and that it is whole after a crash or on a full disk."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -17,9 +16,8 @@ from drivers.core.geometry import Trajectory, rigid_transform
 from drivers.playback.recording_formats import open_recording
 from drivers.recording import frame_recorder
 from drivers.recording.frame_recorder import FrameRecorder
+from tests.drivers.conftest import make_frame
 from tests.drivers.tum.read_recording import read_recording
-
-FrameMaker = Callable[..., RgbdFrame]
 
 
 def record(path: Path, frames: list[RgbdFrame], is_raw: bool = False) -> None:
@@ -30,9 +28,7 @@ def record(path: Path, frames: list[RgbdFrame], is_raw: bool = False) -> None:
 
 
 @pytest.mark.parametrize("depth_factor", [1000.0, 5000.0])
-def test_without_raw_only_color_loses_a_little(
-    make_frame: FrameMaker, tmp_path: Path, depth_factor: float
-) -> None:
+def test_without_raw_only_color_loses_a_little(tmp_path: Path, depth_factor: float) -> None:
     frame = make_frame(0, depth_factor=depth_factor)
     record(tmp_path / "a.mcap", [frame])
     (ours,) = read_recording(tmp_path / "a.mcap")
@@ -40,7 +36,7 @@ def test_without_raw_only_color_loses_a_little(
     assert 0 < np.abs(ours.color_bgr.astype(int) - frame.color_bgr).mean() < 3
 
 
-def test_other_programs_read_the_messages(make_frame: FrameMaker, tmp_path: Path) -> None:
+def test_other_programs_read_the_messages(tmp_path: Path) -> None:
     readings = (AccelerometerReading(999.9, (0.1, -9.7, 0.0)),)
     frame = make_frame(0, depth_factor=1000.0, gravity_m_s2=(0.0, 9.8, 0.0), accelerometer=readings)
     truth = Trajectory(np.array([1000.0]), rigid_transform(np.eye(3), [1.0, 2.0, 3.0])[None])
@@ -72,9 +68,7 @@ def test_other_programs_read_the_messages(make_frame: FrameMaker, tmp_path: Path
     assert imu.orientation_covariance[0] == -1  # type: ignore[attr-defined]
 
 
-def test_ros_2_plays_what_is_written_once_for_late_subscribers(
-    make_frame: FrameMaker, tmp_path: Path
-) -> None:
+def test_ros_2_plays_what_is_written_once_for_late_subscribers(tmp_path: Path) -> None:
     record(tmp_path / "a.mcap", [make_frame(0)])
     with AnyReader([tmp_path / "a.mcap"]) as reader:
         profiles = {each.topic: each.ext.offered_qos_profiles for each in reader.connections}  # type: ignore[union-attr]
@@ -85,9 +79,7 @@ def test_ros_2_plays_what_is_written_once_for_late_subscribers(
     assert {qos.reliability.name for [qos] in profiles.values()} == {"RELIABLE"}
 
 
-def test_ros_2_of_any_version_knows_how_to_read_the_quality_of_service(
-    make_frame: FrameMaker, tmp_path: Path
-) -> None:
+def test_ros_2_of_any_version_knows_how_to_read_the_quality_of_service(tmp_path: Path) -> None:
     record(tmp_path / "a.mcap", [make_frame(0)])
     with (tmp_path / "a.mcap").open("rb") as file:
         reader = make_reader(file)
@@ -103,9 +95,7 @@ def test_ros_2_of_any_version_knows_how_to_read_the_quality_of_service(
         assert all(isinstance(qos[name], int) for name in names)
 
 
-def test_each_reading_of_the_accelerometer_is_recorded_once_with_its_stamp(
-    make_frame: FrameMaker, tmp_path: Path
-) -> None:
+def test_each_reading_of_the_accelerometer_is_recorded_once_with_its_stamp(tmp_path: Path) -> None:
     gravity, readings = (
         (0.1, 9.7, 0.2),
         [AccelerometerReading(0.1 * k, (k, 0.0, 9.0)) for k in range(9)],
@@ -126,7 +116,7 @@ def test_each_reading_of_the_accelerometer_is_recorded_once_with_its_stamp(
     assert [frame.gravity_m_s2 for frame in read_recording(tmp_path / "a.mcap")] == [gravity] * 6
 
 
-def test_the_ground_truth_ends_after_the_last_frame(make_frame: FrameMaker, tmp_path: Path) -> None:
+def test_the_ground_truth_ends_after_the_last_frame(tmp_path: Path) -> None:
     truth = Trajectory(np.arange(990.0, 2000.0), np.tile(np.eye(4), (1010, 1, 1)))
     with FrameRecorder(McapRecordingFile(tmp_path / "a.mcap"), truth) as recorder:
         for k in range(2):
@@ -137,7 +127,7 @@ def test_the_ground_truth_ends_after_the_last_frame(make_frame: FrameMaker, tmp_
 
 
 def test_a_disk_that_fills_leaves_a_whole_file(
-    make_frame: FrameMaker, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(frame_recorder, "FLUSH_PERIOD_S", 0.0)
     free = iter([mcap_recording_file.RESERVED_BYTES] * 6)

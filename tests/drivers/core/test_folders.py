@@ -18,32 +18,18 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "home"
 
 
-def test_the_cache_is_in_the_users_cache_folder(home: Path) -> None:
+def test_the_cache_is_in_the_first_folder_that_is_set_and_can_be_created(
+    home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert cache_folder() == home / ".cache" / "kinect-vo"
     assert cache_folder().is_dir()
-
-
-def test_the_users_cache_variable_is_respected(
-    home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
     assert cache_folder() == tmp_path / "xdg" / "kinect-vo"
-
-
-def test_the_first_systemd_folder_takes_precedence(
-    home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
     monkeypatch.setenv("CACHE_DIRECTORY", f"{tmp_path / 'a'}:{tmp_path / 'b'}")
     assert cache_folder() == tmp_path / "a"
-
-
-def test_a_folder_that_cannot_be_created_is_skipped(
-    home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
     (tmp_path / "file").touch()
     monkeypatch.setenv("CACHE_DIRECTORY", str(tmp_path / "file" / "below"))
-    assert cache_folder() == home / ".cache" / "kinect-vo"
+    assert cache_folder() == tmp_path / "xdg" / "kinect-vo"
 
 
 def test_without_a_writable_home_a_temporary_folder_is_used(

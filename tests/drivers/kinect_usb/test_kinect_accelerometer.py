@@ -16,11 +16,8 @@ def meter() -> GravityFilter:
     return GravityFilter()
 
 
-def test_a_level_kinect_gives_gravity_straight_down() -> None:
+def test_a_level_kinect_gives_gravity_straight_down_and_three_zeros_give_none() -> None:
     assert gravity_from_counts(0, 819, 0) == pytest.approx(LEVEL)
-
-
-def test_three_zeros_give_no_gravity() -> None:
     assert gravity_from_counts(0, 0, 0) is None
 
 
@@ -34,14 +31,13 @@ def test_gravity_is_the_mean_of_the_last_second(across: list[float]) -> None:
     assert found == pytest.approx((sum(across) / len(across), 9.8, 0.0))
 
 
-def test_without_readings_there_is_no_gravity(meter: GravityFilter) -> None:
+def test_readings_older_than_a_second_or_than_a_reset_are_ignored(meter: GravityFilter) -> None:
     assert meter.mean_at(1.0) is None
-
-
-def test_readings_older_than_a_second_are_ignored(meter: GravityFilter) -> None:
     meter.add(LEVEL, 5.0, is_moving=False)
     assert meter.mean_at(5.9) == LEVEL
     assert meter.mean_at(6.1) is None
+    meter.reset()
+    assert meter.mean_at(5.1) is None
 
 
 @pytest.mark.parametrize("reading", [None, (0.0, 12.0, 0.0), (0.0, 8.0, 0.0)])
@@ -64,9 +60,3 @@ def test_after_a_tilt_request_only_newer_readings_count(meter: GravityFilter) ->
     for now_s, reading in ((5.0, LEVEL), (5.1, TILTED)):
         meter.add(reading, now_s, is_moving=False)
     assert meter.mean_at(5.2) == TILTED
-
-
-def test_after_a_reset_there_is_no_gravity(meter: GravityFilter) -> None:
-    meter.add(LEVEL, 5.0, is_moving=False)
-    meter.reset()
-    assert meter.mean_at(5.1) is None

@@ -90,16 +90,16 @@ def test_each_reading_of_the_accelerometer_is_kept_with_its_stamp(
     assert len(motor_unit.accelerometer) == MAX_ACCELEROMETER_READINGS
 
 
-def test_settings_are_applied_to_led_and_tilt(plug_in: PlugIn, motor_unit: KinectMotorUnit) -> None:
+def test_settings_are_applied_to_led_and_tilt_if_they_are_set(
+    plug_in: PlugIn, motor_unit: KinectMotorUnit
+) -> None:
     kinect = plug_in()
+    motor_unit.open("")
+    motor_unit.close()
+    assert kinect.led == SimulatedLed.BLINK_GREEN  # it only measured
     motor_unit.open("")
     motor_unit.apply(SETTINGS)
     assert (kinect.led, kinect.tilt_deg) == (SimulatedLed.RED, 10)
-
-
-def test_an_unset_tilt_does_not_move_the_head(plug_in: PlugIn, motor_unit: KinectMotorUnit) -> None:
-    kinect = plug_in()
-    motor_unit.open("")
     motor_unit.set_tilt_deg(-8.0)
     motor_unit.apply(SensorConfig())
     assert (kinect.led, kinect.tilt_deg) == (SimulatedLed.GREEN, -8)
@@ -131,15 +131,6 @@ def test_two_hundred_openings_leak_nothing(plug_in: PlugIn, motor_unit: KinectMo
         kinect.plug()
     assert resources_in_use() <= before
     assert kinect.open_handles == 0
-
-
-def test_a_motor_unit_that_only_measured_does_not_change_the_led(
-    plug_in: PlugIn, motor_unit: KinectMotorUnit
-) -> None:
-    kinect = plug_in()
-    motor_unit.open("")
-    motor_unit.close()
-    assert kinect.led == SimulatedLed.BLINK_GREEN
 
 
 @pytest.mark.parametrize("model", list(KinectModel))

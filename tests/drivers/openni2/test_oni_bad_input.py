@@ -21,15 +21,13 @@ def complaint(path: Path, camera_file: Path | None = None) -> str:
     return str(error.value)
 
 
-def test_missing_file(tmp_path: Path) -> None:
-    missing = tmp_path / "none.oni"
+def test_missing_file_or_folder(tmp_path: Path, small_oni: Path) -> None:
+    missing, folder = tmp_path / "none.oni", tmp_path
     cause = "No such file or directory; give an .oni file"
     assert complaint(missing) == f"{missing}: cannot be read: {cause}"
-
-
-def test_folder(tmp_path: Path) -> None:
     cause = "it is a folder, not a file; give an .oni file"
-    assert complaint(tmp_path) == f"{tmp_path}: cannot be read: {cause}"
+    assert complaint(folder) == f"{folder}: cannot be read: {cause}"
+    assert "none.toml" in complaint(small_oni, tmp_path / "none.toml")
 
 
 @pytest.mark.parametrize("content", [b"", b"junk", b"\0" * 100, b"NI10", b"%PDF-1.7" * 20])
@@ -98,10 +96,6 @@ def test_no_camera_file(small_oni: Path) -> None:
     text = complaint(small_oni)
     assert "does not store whether its depth was registered to color" in text
     assert "without a [depth] table if it was, with one if it was not" in text
-
-
-def test_missing_camera_file(small_oni: Path, tmp_path: Path) -> None:
-    assert "none.toml" in complaint(small_oni, tmp_path / "none.toml")
 
 
 def test_recording_that_the_player_would_discard(tmp_path: Path, camera_file: Path) -> None:

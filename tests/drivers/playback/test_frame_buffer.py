@@ -1,17 +1,15 @@
 """The frames between the thread that decodes and the reader; `test_pacing` has their timing."""
 
 import threading
-from collections.abc import Callable
 
 import pytest
 
-from drivers.camera import CameraCounters, EndOfStream, FrameTimeout, PlaybackMode, RgbdFrame
+from drivers.camera import CameraCounters, EndOfStream, FrameTimeout, PlaybackMode
 from drivers.core import CameraError
 from drivers.pacing import make_pacer
 from drivers.playback.frame_buffer import MAX_BUFFERED_FRAMES, BufferClosedError, FrameBuffer
+from tests.drivers.conftest import make_frame
 from tests.drivers.fake_host import FakeHost
-
-FrameMaker = Callable[..., RgbdFrame]
 
 
 def make_buffer(mode: PlaybackMode, host: FakeHost | None = None) -> FrameBuffer:
@@ -20,7 +18,7 @@ def make_buffer(mode: PlaybackMode, host: FakeHost | None = None) -> FrameBuffer
     return FrameBuffer(make_pacer(mode, lambda seq: seq / 10, 20, *clock))
 
 
-def test_lockstep_delivers_every_frame_in_order(make_frame: FrameMaker) -> None:
+def test_lockstep_delivers_every_frame_in_order() -> None:
     buffer = make_buffer(PlaybackMode.LOCKSTEP)
     for seq in range(3):
         buffer.put(make_frame(seq))
@@ -32,7 +30,7 @@ def test_lockstep_delivers_every_frame_in_order(make_frame: FrameMaker) -> None:
     assert buffer.counters == CameraCounters(delivered=3)
 
 
-def test_lockstep_blocks_the_decoder_while_the_buffer_is_full(make_frame: FrameMaker) -> None:
+def test_lockstep_blocks_the_decoder_while_the_buffer_is_full() -> None:
     buffer = make_buffer(PlaybackMode.LOCKSTEP)
     for seq in range(MAX_BUFFERED_FRAMES - 1):
         buffer.put(make_frame(seq))
@@ -52,7 +50,7 @@ def test_a_reader_gets_a_timeout_if_there_is_no_frame(mode: PlaybackMode) -> Non
 
 
 @pytest.mark.parametrize("mode", PlaybackMode)
-def test_closing_wakes_both_threads(mode: PlaybackMode, make_frame: FrameMaker) -> None:
+def test_closing_wakes_both_threads(mode: PlaybackMode) -> None:
     full = make_buffer(mode)
     for seq in range(MAX_BUFFERED_FRAMES - 1):
         full.put(make_frame(seq))
@@ -71,7 +69,7 @@ def test_closing_wakes_both_threads(mode: PlaybackMode, make_frame: FrameMaker) 
         empty.get(30)
 
 
-def test_the_decoder_error_follows_the_last_frame(make_frame: FrameMaker) -> None:
+def test_the_decoder_error_follows_the_last_frame() -> None:
     buffer = make_buffer(PlaybackMode.LOCKSTEP)
     buffer.put(make_frame(0))
     buffer.finish(MemoryError("no room"))
@@ -80,7 +78,7 @@ def test_the_decoder_error_follows_the_last_frame(make_frame: FrameMaker) -> Non
         buffer.get(0)
 
 
-def test_realtime_receives_a_frame_when_it_is_due(make_frame: FrameMaker) -> None:
+def test_realtime_receives_a_frame_when_it_is_due() -> None:
     host = FakeHost()
     buffer = make_buffer(PlaybackMode.REALTIME, host)
     buffer.put(make_frame(0))
@@ -93,7 +91,7 @@ def test_realtime_receives_a_frame_when_it_is_due(make_frame: FrameMaker) -> Non
     assert buffer.get(0).receive_time_s == pytest.approx(5000.1)
 
 
-def test_realtime_drops_and_counts_outdated_frames_decoded_or_not(make_frame: FrameMaker) -> None:
+def test_realtime_drops_and_counts_outdated_frames_decoded_or_not() -> None:
     host = FakeHost()
     buffer = make_buffer(PlaybackMode.REALTIME, host)
     buffer.put(make_frame(0))
@@ -108,7 +106,7 @@ def test_realtime_drops_and_counts_outdated_frames_decoded_or_not(make_frame: Fr
     assert buffer.counters == CameraCounters(delivered=2, dropped=4)
 
 
-def test_realtime_decodes_while_the_reader_is_blocked(make_frame: FrameMaker) -> None:
+def test_realtime_decodes_while_the_reader_is_blocked() -> None:
     host = FakeHost()
     buffer = make_buffer(PlaybackMode.REALTIME, host)
     buffer.put(make_frame(0))

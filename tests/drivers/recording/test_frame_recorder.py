@@ -22,11 +22,11 @@ from drivers.playback.camera import RecordingCamera
 from drivers.recording import frame_recorder
 from drivers.recording.frame_recorder import FrameRecorder
 from drivers.tum.writer import TumFolder
+from tests.drivers.conftest import make_frame
 from tests.drivers.tum.read_recording import read_recording
 from tests.forked_process import ForkedProcess
 from tests.full_disk import limit_file_size
 
-FrameMaker = Callable[..., RgbdFrame]
 MakeRecorder = Callable[..., FrameRecorder[Any]]
 # What may wait for the disk, and the frame that the writer has.
 MAX_ALIVE = {"folder": 4 + 2, "mcap": 30 + 2}
@@ -60,9 +60,7 @@ def assert_same(ours: list[RgbdFrame], theirs: list[RgbdFrame]) -> None:
         np.testing.assert_array_equal(a.depth_raw, b.depth_raw)
 
 
-def test_a_recording_replays_the_same_frames_to_the_last_bit(
-    make_frame: FrameMaker, make_recorder: MakeRecorder
-) -> None:
+def test_a_recording_replays_the_same_frames_to_the_last_bit(make_recorder: MakeRecorder) -> None:
     gravity = (0.12345678901234567, 9.8, -0.3)
     frames = [
         make_frame(
@@ -77,7 +75,7 @@ def test_a_recording_replays_the_same_frames_to_the_last_bit(
     assert_same(read_recording(recorder.path), frames)
 
 
-def test_ground_truth_is_kept(make_frame: FrameMaker, make_recorder: MakeRecorder) -> None:
+def test_ground_truth_is_kept(make_recorder: MakeRecorder) -> None:
     T = np.stack([np.eye(4)] * 2)
     T[1, :3, 3] = [1.0, -2.0, 0.5]
     truth = Trajectory(np.array([999.25, 1000.5]), T)
@@ -92,10 +90,7 @@ def test_ground_truth_is_kept(make_frame: FrameMaker, make_recorder: MakeRecorde
 
 @pytest.mark.parametrize("stamp_s", [1000.0, 1000.0000001, 999.0])
 def test_a_stamp_that_does_not_increase_is_skipped_and_reported(
-    make_frame: FrameMaker,
-    make_recorder: MakeRecorder,
-    stamp_s: float,
-    caplog: pytest.LogCaptureFixture,
+    make_recorder: MakeRecorder, stamp_s: float, caplog: pytest.LogCaptureFixture
 ) -> None:
     with caplog.at_level(logging.WARNING), make_recorder() as recorder:
         for frame in (make_frame(0), make_frame(1, stamp_s=stamp_s), make_frame(2)):
@@ -105,9 +100,7 @@ def test_a_stamp_that_does_not_increase_is_skipped_and_reported(
     assert_same(read_recording(recorder.path), [make_frame(0), make_frame(2)])
 
 
-def test_a_change_of_the_camera_is_rejected(
-    make_frame: FrameMaker, make_recorder: MakeRecorder
-) -> None:
+def test_a_change_of_the_camera_is_rejected(make_recorder: MakeRecorder) -> None:
     with make_recorder() as recorder:
         recorder.write(make_frame(0))
         with pytest.raises(UserFacingError, match="the camera changed during recording"):
@@ -118,7 +111,7 @@ def test_a_change_of_the_camera_is_rejected(
 
 
 def test_a_full_disk_leaves_what_was_written_and_is_one_error(
-    make_frame: FrameMaker, make_recorder: MakeRecorder, kind: str, monkeypatch: pytest.MonkeyPatch
+    make_recorder: MakeRecorder, kind: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(frame_recorder, "FLUSH_PERIOD_S", 0.0)
     recorder = make_recorder()
@@ -136,9 +129,7 @@ def test_a_full_disk_leaves_what_was_written_and_is_one_error(
     assert read[-1].color_bgr[0, 0, 0] == (len(read) - 1) % 256
 
 
-def test_memory_does_not_grow_with_the_recording(
-    make_frame: FrameMaker, make_recorder: MakeRecorder, kind: str
-) -> None:
+def test_memory_does_not_grow_with_the_recording(make_recorder: MakeRecorder, kind: str) -> None:
     images = []
     with make_recorder() as recorder:
         for seq in range(60):

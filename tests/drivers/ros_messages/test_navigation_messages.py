@@ -188,10 +188,6 @@ def test_a_twist_has_the_bytes_of_rosbags_and_is_decoded() -> None:
     np.testing.assert_array_equal(decode_twist(encoded), twist)
 
 
-def test_a_default_message_has_724_bytes() -> None:
-    assert len(encode_odometry(example())) == 724
-
-
 @pytest.mark.parametrize(
     ("stamp_s", "expected"),
     [

@@ -61,10 +61,6 @@ def test_a_scan(
     assert len(decoded.angles_rad) == count
 
 
-def test_a_usual_scan_has_524_bytes() -> None:
-    assert len(encode_laser_scan(example(np.zeros(115)))) == 524
-
-
 cells = arrays(np.int8, st.tuples(st.integers(0, 9), st.integers(0, 9)))
 
 

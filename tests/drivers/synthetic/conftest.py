@@ -21,16 +21,9 @@ def make_small(config: SyntheticConfig) -> SyntheticConfig:
     return replace(config, camera=SMALL, duration_s=0.2, texel_m=0.02)
 
 
-@pytest.fixture
-def faulty() -> SyntheticConfig:
-    """All sensor faults of a Kinect, six frames."""
-    return make_small(SyntheticConfig())
-
-
-@pytest.fixture
-def ideal() -> SyntheticConfig:
-    """No sensor faults, six frames."""
-    return make_small(SyntheticConfig.ideal())
+# Six frames, with all sensor faults of a Kinect and with none.
+FAULTY = make_small(SyntheticConfig())
+IDEAL = make_small(SyntheticConfig.ideal())
 
 
 @pytest.fixture

@@ -23,6 +23,7 @@ from drivers.synthetic.config import MotionKind, SyntheticConfig
 from drivers.synthetic.motions import make_motion
 from drivers.synthetic.renderer import make_renderer, pixel_rays
 from drivers.synthetic.room import ROOM_HEIGHT_M
+from tests.drivers.synthetic.conftest import IDEAL
 
 CONFIG = SyntheticConfig(duration_s=10.0)
 TIMES = np.linspace(0.0, 10.0, 2001)
@@ -202,18 +203,16 @@ def heights_m(config: SyntheticConfig) -> Array:
 
 
 @pytest.mark.usefixtures("unpainted")
-def test_over_the_floor_only_the_floor_is_seen_except_when_it_looks_up(
-    ideal: SyntheticConfig,
-) -> None:
-    config = replace(ideal, motion=MotionKind.FLOOR, duration_s=20.0, rate_hz=0.6)
+def test_over_the_floor_only_the_floor_is_seen_except_when_it_looks_up() -> None:
+    config = replace(IDEAL, motion=MotionKind.FLOOR, duration_s=20.0, rate_hz=0.6)
     floor = np.mean(np.abs(heights_m(config)) < 0.01, axis=1)
     assert np.mean(floor > 0.999) >= 0.6  # at least 7 of 12
     assert 0.3 < floor.min() < 0.95
 
 
 @pytest.mark.usefixtures("unpainted")
-def test_an_orbit_has_something_in_its_middle_and_room_to_walk(ideal: SyntheticConfig) -> None:
-    config = replace(ideal, motion=MotionKind.ORBIT, duration_s=20.0, rate_hz=0.25)
+def test_an_orbit_has_something_in_its_middle_and_room_to_walk() -> None:
+    config = replace(IDEAL, motion=MotionKind.ORBIT, duration_s=20.0, rate_hz=0.25)
     renderer = make_renderer(config, 2)
     middle = renderer.render(0).depth_raw[40:70, 50:78] / config.depth_factor
     assert 0.8 < np.median(middle) < 2.2

@@ -16,13 +16,13 @@ from drivers.core import CameraLostError
 from drivers.core.process.worker_spec import WorkerSpec
 from drivers.synthetic import frame_provider
 from drivers.synthetic.camera import SyntheticCamera
-from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.rendered_sequence import create_sequence, files_for_config
 from drivers.synthetic.renderer import make_renderer
 from drivers.synthetic.sensors import RenderedImages
 from tests.drivers.fake_host import FakeHost
 from tests.drivers.synthetic import idle_renderer
 from tests.drivers.synthetic.cached_cameras import RendererFactory, fill_sequence, read_frames
+from tests.drivers.synthetic.conftest import FAULTY
 from tests.resource_leaks import child_pids
 from tests.waiting import wait_until
 
@@ -42,24 +42,20 @@ def pixels(frames: Sequence[RgbdFrame | RenderedImages]) -> list[bytes]:
     return [frame.color_bgr.tobytes() + frame.depth_raw.tobytes() for frame in frames]
 
 
-def test_the_frames_are_those_of_the_renderer_and_no_process_is_left(
-    faulty: SyntheticConfig, tmp_path: Path
-) -> None:
-    renderer = make_renderer(faulty, threads=1)
-    rendered = [renderer.render(index) for index in range(faulty.frame_count)]
-    camera = SyntheticCamera(faulty, tmp_path, threads=2)
+def test_the_frames_are_those_of_the_renderer_and_no_process_is_left(tmp_path: Path) -> None:
+    renderer = make_renderer(FAULTY, threads=1)
+    rendered = [renderer.render(index) for index in range(FAULTY.frame_count)]
+    camera = SyntheticCamera(FAULTY, tmp_path, threads=2)
     with opened(camera) as first:
         assert pixels([first, *read_frames(camera)]) == pixels(rendered)
     assert child_pids() == []
-    with SyntheticCamera(faulty, tmp_path) as again:
+    with SyntheticCamera(FAULTY, tmp_path) as again:
         assert child_pids() == []  # no frame is missing, so no process runs
         assert pixels(read_frames(again)) == pixels(rendered)
 
 
-def test_the_camera_is_starting_until_the_room_is_painted(
-    faulty: SyntheticConfig, tmp_path: Path
-) -> None:
-    with SyntheticCamera(faulty, tmp_path, PlaybackMode.REALTIME) as camera:
+def test_the_camera_is_starting_until_the_room_is_painted(tmp_path: Path) -> None:
+    with SyntheticCamera(FAULTY, tmp_path, PlaybackMode.REALTIME) as camera:
         with pytest.raises(FrameTimeout):
             camera.read(0.0)
         assert str(camera.status) == "starting: preparing its room"
@@ -67,10 +63,8 @@ def test_the_camera_is_starting_until_the_room_is_painted(
         assert camera.status.state is CameraState.STREAMING
 
 
-def test_the_process_ends_while_a_live_reader_goes_on_when_all_is_rendered(
-    faulty: SyntheticConfig, tmp_path: Path
-) -> None:
-    looped = replace(faulty, loop=True)
+def test_the_process_ends_while_a_live_reader_goes_on_when_all_is_rendered(tmp_path: Path) -> None:
+    looped = replace(FAULTY, loop=True)
     with SyntheticCamera(looped, tmp_path, PlaybackMode.REALTIME) as camera:
         wait_until(lambda: camera.read(START_S) and not child_pids())
         assert camera.read(START_S).seq > 0
@@ -78,12 +72,7 @@ def test_the_process_ends_while_a_live_reader_goes_on_when_all_is_rendered(
 
 @pytest.mark.parametrize(("due", "seq", "dropped"), [(4, 3, 2), (3, 3, 2), (2, 1, 0)])
 def test_a_live_reader_gets_the_newest_frame_that_is_rendered_and_the_rest_is_counted(
-    faulty: SyntheticConfig,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    due: int,
-    seq: int,
-    dropped: int,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, due: int, seq: int, dropped: int
 ) -> None:
     """Frames 0, 1 and 3 are rendered; no others ever are."""
     monkeypatch.setattr(frame_provider, "RENDERER", WorkerSpec(idle_renderer.__name__, "idle"))
@@ -91,34 +80,34 @@ def test_a_live_reader_gets_the_newest_frame_that_is_rendered_and_the_rest_is_co
         FakeHost(),
         RenderedImages(np.zeros((96, 128, 3), np.uint8), np.zeros((96, 128), np.uint16)),
     )
-    sequence = create_sequence(files_for_config(faulty, tmp_path))
+    sequence = create_sequence(files_for_config(FAULTY, tmp_path))
     for index in (0, 1, 3):
         sequence.write(index, black)
-    with SyntheticCamera(faulty, tmp_path, PlaybackMode.REALTIME, host=host.clock) as camera:
+    with SyntheticCamera(FAULTY, tmp_path, PlaybackMode.REALTIME, host=host.clock) as camera:
         assert camera.read(1.0).seq == 0
-        host.sleep(due / faulty.rate_hz)
+        host.sleep(due / FAULTY.rate_hz)
         assert camera.read(1.0).seq == seq
         assert camera.counters.dropped == dropped
 
 
 def test_a_damaged_frame_is_rendered_again(
-    faulty: SyntheticConfig, tmp_path: Path, shared_renderer: RendererFactory
+    tmp_path: Path, shared_renderer: RendererFactory
 ) -> None:
-    files = files_for_config(faulty, tmp_path)
-    fill_sequence(faulty, tmp_path, shared_renderer)
+    files = files_for_config(FAULTY, tmp_path)
+    fill_sequence(FAULTY, tmp_path, shared_renderer)
     whole = files.frames.read_bytes()
     with files.frames.open("r+b") as file:
         file.seek(3 * files.frame_bytes + 100)
         file.write(b"damaged")
-    with SyntheticCamera(faulty, tmp_path) as camera:
+    with SyntheticCamera(FAULTY, tmp_path) as camera:
         assert len(read_frames(camera)) == 6
     assert files.frames.read_bytes() == whole
 
 
 def test_a_renderer_that_is_killed_is_reported_keeps_its_frames_and_is_started_again(
-    faulty: SyntheticConfig, tmp_path: Path
+    tmp_path: Path,
 ) -> None:
-    long = replace(faulty, duration_s=60.0)
+    long = replace(FAULTY, duration_s=60.0)
     camera = SyntheticCamera(long, tmp_path)
     with opened(camera):
         (renderer,) = child_pids()

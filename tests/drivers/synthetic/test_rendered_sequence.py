@@ -19,6 +19,7 @@ from drivers.synthetic.rendered_sequence import (
     files_for_config,
 )
 from drivers.synthetic.sensors import RenderedImages
+from tests.drivers.synthetic.conftest import FAULTY
 
 BYTES = 5 * (5 * 4 * 6 + 8)  # of five frames and their index
 
@@ -84,19 +85,17 @@ def test_damaged_files_never_give_a_wrong_frame(tmp_path: Path, damage: str) -> 
     assert sequence.missing_frames().tolist() == [0, 1, 2, 3, 4]
 
 
-def test_the_key_changes_with_the_pixels_and_not_with_injected_faults(
-    tmp_path: Path, faulty: SyntheticConfig
-) -> None:
+def test_the_key_changes_with_the_pixels_and_not_with_injected_faults(tmp_path: Path) -> None:
     track = tmp_path / "track.txt"
     track.write_text("0 0 0 0 0 0 0 1\n")
     others = [
-        replace(faulty, seed=2),
-        replace(faulty, motion=MotionKind.STILL),
-        replace(faulty, track=track),
+        replace(FAULTY, seed=2),
+        replace(FAULTY, motion=MotionKind.STILL),
+        replace(FAULTY, track=track),
     ]
-    keys = {files_for_config(config, tmp_path).key for config in [faulty, *others]}
+    keys = {files_for_config(config, tmp_path).key for config in [FAULTY, *others]}
     assert len(keys) == 4
-    with_fault = replace(faulty, faults=(Fault(FaultKind.BLACK, 1),))
+    with_fault = replace(FAULTY, faults=(Fault(FaultKind.BLACK, 1),))
     assert files_for_config(with_fault, tmp_path).key in keys
     track.write_text("0 0 0 1 0 0 0 1\n")
     assert files_for_config(others[2], tmp_path).key not in keys

@@ -13,7 +13,7 @@ from drivers.synthetic.config import ColorSensorModel, MotionKind, ShutterTiming
 from drivers.synthetic.motions import make_motion
 from drivers.synthetic.renderer import Renderer, make_renderer
 from drivers.synthetic.room import ROOM_HEIGHT_M
-from tests.drivers.synthetic.conftest import make_small
+from tests.drivers.synthetic.conftest import FAULTY, IDEAL, make_small
 
 pytestmark = pytest.mark.slow
 
@@ -22,10 +22,8 @@ Shoot = Callable[[SyntheticConfig], Renderer]
 LARGER = PinholeCamera(320, 240, 262.5, 262.5, 159.5, 119.5)
 
 
-def test_a_frame_is_the_same_in_every_renderer(
-    shared_renderer: Shoot, faulty: SyntheticConfig
-) -> None:
-    one, two = shared_renderer(faulty), make_renderer(faulty, threads=1)
+def test_a_frame_is_the_same_in_every_renderer(shared_renderer: Shoot) -> None:
+    one, two = shared_renderer(FAULTY), make_renderer(FAULTY, threads=1)
     two.render(3)
     a, b = one.render(2), two.render(2)
     np.testing.assert_array_equal(a.color_bgr, b.color_bgr)
@@ -46,9 +44,9 @@ def test_another_seed_is_another_room(rooms: dict[int, Renderer]) -> None:
     assert np.mean(cv2.absdiff(a.color_bgr, b.color_bgr)) > 10
 
 
-def test_points_seen_in_two_ideal_frames_agree(ideal: SyntheticConfig) -> None:
+def test_points_seen_in_two_ideal_frames_agree() -> None:
     """Corners projected by depth and true poses, compared with optical flow."""
-    config = replace(ideal, camera=LARGER, texel_m=0.008, rate_hz=10.0, duration_s=1.0)
+    config = replace(IDEAL, camera=LARGER, texel_m=0.008, rate_hz=10.0, duration_s=1.0)
     renderer = make_renderer(config, 2)
     one, two = renderer.render(0), renderer.render(1)
     gray = [cv2.cvtColor(images.color_bgr, cv2.COLOR_BGR2GRAY) for images in (one, two)]
@@ -72,13 +70,11 @@ def test_points_seen_in_two_ideal_frames_agree(ideal: SyntheticConfig) -> None:
     assert np.median(np.abs(depth_error_m)) < 0.004
 
 
-def test_each_row_of_a_rolling_shutter_is_seen_at_its_own_instant(
-    shared_renderer: Shoot, ideal: SyntheticConfig
-) -> None:
+def test_each_row_of_a_rolling_shutter_is_seen_at_its_own_instant(shared_renderer: Shoot) -> None:
     """Row r of 96 is the same row of a global shutter r - 47.5 row times after the stamp."""
     readout_s = 0.019
-    per_row = replace(ideal, rate_hz=2 * 95 / readout_s)
-    rolling = replace(ideal, rate_hz=10.0, timing=ShutterTiming(readout_s=readout_s, skew_s=0.0))
+    per_row = replace(IDEAL, rate_hz=2 * 95 / readout_s)
+    rolling = replace(IDEAL, rate_hz=10.0, timing=ShutterTiming(readout_s=readout_s, skew_s=0.0))
     rolled, whole = shared_renderer(rolling).render(1), shared_renderer(per_row)
     middle = round(0.1 * per_row.rate_hz)
     for row in (0, 30, 95):
@@ -88,10 +84,8 @@ def test_each_row_of_a_rolling_shutter_is_seen_at_its_own_instant(
     assert np.any(rolled.depth_raw[0] != whole.render(middle).depth_raw[0])
 
 
-def test_depth_is_taken_later_than_color_by_the_skew(
-    shared_renderer: Shoot, ideal: SyntheticConfig
-) -> None:
-    at_once = replace(ideal, rate_hz=100.0)
+def test_depth_is_taken_later_than_color_by_the_skew(shared_renderer: Shoot) -> None:
+    at_once = replace(IDEAL, rate_hz=100.0)
     skewed = replace(at_once, rate_hz=50.0, timing=ShutterTiming(readout_s=0.0, skew_s=0.01))
     together, apart = shared_renderer(at_once), shared_renderer(skewed)
     np.testing.assert_array_equal(apart.render(1).color_bgr, together.render(2).color_bgr)
@@ -100,12 +94,10 @@ def test_depth_is_taken_later_than_color_by_the_skew(
     )
 
 
-def test_distortion_is_rendered_and_removed_again(
-    shared_renderer: Shoot, ideal: SyntheticConfig
-) -> None:
-    distorted = replace(ideal, camera=LARGER, color=replace(ideal.color, distortion=FREIBURG1))
+def test_distortion_is_rendered_and_removed_again(shared_renderer: Shoot) -> None:
+    distorted = replace(IDEAL, camera=LARGER, color=replace(IDEAL.color, distortion=FREIBURG1))
     pinhole, lens = (
-        shared_renderer(c).render(0) for c in (replace(ideal, camera=LARGER), distorted)
+        shared_renderer(c).render(0) for c in (replace(IDEAL, camera=LARGER), distorted)
     )
     seen = lens.depth_raw > 0
     assert seen.mean() > 0.9
@@ -115,10 +107,8 @@ def test_distortion_is_rendered_and_removed_again(
     assert np.median(cv2.absdiff(pinhole.color_bgr, lens.color_bgr)[seen]) <= 2
 
 
-def test_the_kinect_s_depth_has_shadows_borders_and_steps(
-    shared_renderer: Shoot, faulty: SyntheticConfig
-) -> None:
-    depth = shared_renderer(replace(faulty, camera=LARGER)).render(0).depth_raw
+def test_the_kinect_s_depth_has_shadows_borders_and_steps(shared_renderer: Shoot) -> None:
+    depth = shared_renderer(replace(FAULTY, camera=LARGER)).render(0).depth_raw
     holes = depth == 0
     assert 0.1 < holes.mean() < 0.5
     assert holes[:, :3].all()
@@ -128,13 +118,13 @@ def test_the_kinect_s_depth_has_shadows_borders_and_steps(
 
 
 def test_a_bare_wall_has_neither_texture_nor_furniture(
-    shared_renderer: Shoot, ideal: SyntheticConfig, tmp_path: Path
+    shared_renderer: Shoot, tmp_path: Path
 ) -> None:
     """A stationary camera 1.5 m before the wall at +y, facing it."""
     level = "0.70710678 0 0 -0.70710678"
     track = tmp_path / "still.txt"
     track.write_text("".join(f"{t} 0 0 1.9 {level}\n" for t in range(3)))
-    still = replace(ideal, track=track)
+    still = replace(IDEAL, track=track)
     bare, papered = make_renderer(replace(still, bare_wall=True), 2), shared_renderer(still)
     assert corners(bare.render(0).color_bgr[18:80]) == 0
     assert corners(papered.render(0).color_bgr[18:80]) > 10
@@ -146,20 +136,16 @@ def corners(picture: NDArray[np.uint8]) -> int:
     return len(found)
 
 
-def test_standing_still_shows_the_same_scene(
-    shared_renderer: Shoot, faulty: SyntheticConfig
-) -> None:
-    steady = replace(faulty.color, gain_drift=0.0)
-    renderer = shared_renderer(replace(faulty, motion=MotionKind.STILL, color=steady))
+def test_standing_still_shows_the_same_scene(shared_renderer: Shoot) -> None:
+    steady = replace(FAULTY.color, gain_drift=0.0)
+    renderer = shared_renderer(replace(FAULTY, motion=MotionKind.STILL, color=steady))
     a, b = renderer.render(0).color_bgr, renderer.render(5).color_bgr
     assert 0 < np.mean(cv2.absdiff(a, b)) < 6
 
 
-def test_every_fault_of_the_sensor_can_be_switched_off_alone(
-    shared_renderer: Shoot, faulty: SyntheticConfig
-) -> None:
+def test_every_fault_of_the_sensor_can_be_switched_off_alone(shared_renderer: Shoot) -> None:
     """Changing any one number changes the frames."""
-    once = replace(faulty, camera=LARGER)
+    once = replace(FAULTY, camera=LARGER)
     eye, depth = once.color, once.depth
     variants = [
         replace(once, color=ColorSensorModel(**{**vars(eye), key: value}))

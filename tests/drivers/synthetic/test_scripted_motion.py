@@ -10,6 +10,7 @@ from drivers.core.geometry import Array, rotation_angle_rad
 from drivers.synthetic.config import MotionKind, SyntheticConfig
 from drivers.synthetic.motions import CREEP_SPEED_M_S, make_motion
 from drivers.synthetic.renderer import make_renderer
+from tests.drivers.synthetic.conftest import IDEAL
 
 CONFIG = SyntheticConfig(duration_s=20.0)
 TIMES_S = np.linspace(0.0, 20.0, 2001)
@@ -28,8 +29,8 @@ def test_it_faces_the_wall_for_a_third_of_the_time_and_starts_and_ends_beside_it
 
 
 @pytest.mark.slow
-def test_before_the_bare_wall_there_is_depth_but_no_texture(ideal: SyntheticConfig) -> None:
-    config = replace(ideal, motion=MotionKind.WALL, bare_wall=True, duration_s=10.0, rate_hz=1.0)
+def test_before_the_bare_wall_there_is_depth_but_no_texture() -> None:
+    config = replace(IDEAL, motion=MotionKind.WALL, bare_wall=True, duration_s=10.0, rate_hz=1.0)
     renderer = make_renderer(config, 2)
     aside, wall = renderer.render(0), renderer.render(5)
     edges = [cv2.Canny(frame.color_bgr, 60, 120).mean() for frame in (aside, wall)]

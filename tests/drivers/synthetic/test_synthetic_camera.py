@@ -9,29 +9,26 @@ from drivers.faulty_camera import Fault, FaultKind
 from drivers.synthetic.config import ColorSensorModel, ShutterTiming, SyntheticConfig
 from tests.drivers.fake_host import FakeHost
 from tests.drivers.synthetic.cached_cameras import CachedCameras, read_frames
+from tests.drivers.synthetic.conftest import FAULTY, IDEAL
 
 pytestmark = pytest.mark.slow
 
 
-def test_lockstep_delivers_every_frame_under_fixed_stamps(
-    cached_cameras: CachedCameras, faulty: SyntheticConfig
-) -> None:
-    with cached_cameras.open_camera(faulty) as camera:
+def test_lockstep_delivers_every_frame_under_fixed_stamps(cached_cameras: CachedCameras) -> None:
+    with cached_cameras.open_camera(FAULTY) as camera:
         frames = read_frames(camera)
         assert camera.clock is Clock.RECORDED
         assert camera.frame_count == len(frames) == 6
         assert camera.counters.delivered == 6
     assert [frame.seq for frame in frames] == list(range(6))
     assert [frame.stamp_s for frame in frames[:3]] == [1000.0, 1000.033333, 1000.066667]
-    assert frames[0].skew_s == faulty.timing.skew_s
-    assert frames[0].readout_s == faulty.timing.readout_s > 0
-    assert frames[0].depth_factor == faulty.depth_factor
+    assert frames[0].skew_s == FAULTY.timing.skew_s
+    assert frames[0].readout_s == FAULTY.timing.readout_s > 0
+    assert frames[0].depth_factor == FAULTY.depth_factor
 
 
-def test_ground_truth_is_stamped_like_the_frames(
-    cached_cameras: CachedCameras, ideal: SyntheticConfig
-) -> None:
-    camera = cached_cameras.open_camera(ideal)
+def test_ground_truth_is_stamped_like_the_frames(cached_cameras: CachedCameras) -> None:
+    camera = cached_cameras.open_camera(IDEAL)
     with camera:
         stamps = [frame.stamp_s for frame in read_frames(camera)]
     truth = camera.ground_truth
@@ -40,10 +37,8 @@ def test_ground_truth_is_stamped_like_the_frames(
     assert truth.T_world_camera.shape == (6, 4, 4)
 
 
-def test_opening_again_starts_over_and_counts_on(
-    cached_cameras: CachedCameras, ideal: SyntheticConfig
-) -> None:
-    camera = cached_cameras.open_camera(ideal)
+def test_opening_again_starts_over_and_counts_on(cached_cameras: CachedCameras) -> None:
+    camera = cached_cameras.open_camera(IDEAL)
     with camera:
         first = camera.read(1.0)
         camera.read(1.0)
@@ -56,8 +51,8 @@ def test_opening_again_starts_over_and_counts_on(
         camera.read(1.0)
 
 
-def test_a_loop_has_no_seam(cached_cameras: CachedCameras, ideal: SyntheticConfig) -> None:
-    with cached_cameras.open_camera(replace(ideal, loop=True)) as camera:
+def test_a_loop_has_no_seam(cached_cameras: CachedCameras) -> None:
+    with cached_cameras.open_camera(replace(IDEAL, loop=True)) as camera:
         frames = [camera.read(1.0) for _ in range(14)]
         assert camera.frame_count is None
         assert camera.ground_truth is None
@@ -66,11 +61,9 @@ def test_a_loop_has_no_seam(cached_cameras: CachedCameras, ideal: SyntheticConfi
     assert np.all(np.diff([frame.stamp_s for frame in frames]) > 0.033)
 
 
-def test_live_frames_come_when_due_and_stamped_by_the_host(
-    cached_cameras: CachedCameras, faulty: SyntheticConfig
-) -> None:
+def test_live_frames_come_when_due_and_stamped_by_the_host(cached_cameras: CachedCameras) -> None:
     host = FakeHost()
-    with cached_cameras.open_camera(faulty, PlaybackMode.REALTIME, host) as camera:
+    with cached_cameras.open_camera(FAULTY, PlaybackMode.REALTIME, host) as camera:
         assert camera.clock is Clock.MONOTONIC
         with pytest.raises(FrameTimeout):
             camera.read(0.005)
@@ -83,10 +76,10 @@ def test_live_frames_come_when_due_and_stamped_by_the_host(
 
 
 def test_a_slow_reader_gets_the_newest_frame_and_the_rest_is_counted(
-    cached_cameras: CachedCameras, faulty: SyntheticConfig
+    cached_cameras: CachedCameras,
 ) -> None:
     host = FakeHost()
-    with cached_cameras.open_camera(faulty, PlaybackMode.REALTIME, host) as camera:
+    with cached_cameras.open_camera(FAULTY, PlaybackMode.REALTIME, host) as camera:
         seqs = [camera.read(1.0).seq]
         host.sleep(0.11)
         seqs += [camera.read(1.0).seq, camera.read(1.0).seq]
@@ -113,10 +106,8 @@ def test_invalid_values_are_rejected_by_name(change: dict[str, object], message:
         replace(SyntheticConfig(), **change)  # type: ignore[arg-type]
 
 
-def test_every_frame_has_about_the_direction_of_gravity(
-    cached_cameras: CachedCameras, ideal: SyntheticConfig
-) -> None:
-    with cached_cameras.open_camera(ideal) as camera:
+def test_every_frame_has_about_the_direction_of_gravity(cached_cameras: CachedCameras) -> None:
+    with cached_cameras.open_camera(IDEAL) as camera:
         frames = read_frames(camera)
         truth = camera.ground_truth
     assert truth is not None
@@ -128,11 +119,11 @@ def test_every_frame_has_about_the_direction_of_gravity(
 
 @pytest.mark.parametrize("pace", list(PlaybackMode))
 def test_an_unplugged_camera_is_lost_then_not_found_then_back(
-    cached_cameras: CachedCameras, ideal: SyntheticConfig, pace: PlaybackMode
+    cached_cameras: CachedCameras, pace: PlaybackMode
 ) -> None:
     host = FakeHost()
     fault = Fault(FaultKind.UNPLUGGED, 2, seconds=0.09)
-    camera = cached_cameras.open_camera(replace(ideal, faults=(fault,)), pace, host)
+    camera = cached_cameras.open_camera(replace(IDEAL, faults=(fault,)), pace, host)
     camera.open()
     assert [camera.read(1.0).seq for _ in range(2)] == [0, 1]
     with pytest.raises(CameraLostError, match="unplugged"):

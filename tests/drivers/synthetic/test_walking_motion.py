@@ -16,6 +16,7 @@ from drivers.synthetic.motions import make_motion
 from drivers.synthetic.renderer import Renderer, RoomModel
 from drivers.synthetic.room import HALF_TURN, ROOM_HEIGHT_M, build_room
 from drivers.synthetic.solids import Solid
+from tests.drivers.synthetic.conftest import IDEAL
 
 TOUR = SyntheticConfig(motion=MotionKind.TOUR, duration_s=60.0)
 
@@ -92,8 +93,8 @@ def looking(towards_rad: float) -> Array:
 
 
 @pytest.mark.slow
-def test_two_corners_look_the_same_and_the_other_two_do_not(ideal: SyntheticConfig) -> None:
-    config = replace(ideal, twin_corners=True, texel_m=0.03)
+def test_two_corners_look_the_same_and_the_other_two_do_not() -> None:
+    config = replace(IDEAL, twin_corners=True, texel_m=0.03)
     room = RoomModel.build(config, make_motion(config, ROOM_HEIGHT_M), threads=2)
 
     def unlike(T: Array) -> tuple[float, float]:

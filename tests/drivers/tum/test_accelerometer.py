@@ -14,9 +14,9 @@ from drivers.playback.camera import RecordingCamera
 from drivers.recording.frame_recorder import FrameRecorder
 from drivers.tum.accelerometer import ACCELEROMETER_FILE, AccelerometerWriter, read_accelerometer
 from drivers.tum.writer import TumFolder
+from tests.drivers.conftest import make_frame
 
 FolderMaker = Callable[..., Path]
-FrameMaker = Callable[..., RgbdFrame]
 LEVEL: Vector = (0.0, 9.80665, 0.0)
 
 
@@ -32,9 +32,7 @@ def gravities(folder: Path) -> list[Vector | None]:
         return [camera.read(10).gravity_m_s2 for _ in range(camera.frame_count or 0)]
 
 
-def test_a_recording_replays_with_the_same_gravity_bit_for_bit(
-    make_frame: FrameMaker, tmp_path: Path
-) -> None:
+def test_a_recording_replays_with_the_same_gravity_bit_for_bit(tmp_path: Path) -> None:
     measured: list[Vector | None] = [(0.1 / 3 + k / 7, 9.7, -1.5 + k / 3) for k in range(4)]
     measured[2] = None
     frames = [make_frame(k, gravity_m_s2=gravity) for k, gravity in enumerate(measured)]
@@ -42,9 +40,7 @@ def test_a_recording_replays_with_the_same_gravity_bit_for_bit(
     assert (found[0], found[1], found[3]) == (measured[0], measured[1], measured[3])
 
 
-def test_frames_have_the_newest_readings_also_those_of_motion(
-    make_frame: FrameMaker, tmp_path: Path
-) -> None:
+def test_frames_have_the_newest_readings_also_those_of_motion(tmp_path: Path) -> None:
     folder = record(tmp_path / "room", [make_frame(k, stamp_s=1000.0 + k) for k in range(3)])
     lines = [f"{1000 + 0.1 * k:.1f} {k}.0 9.8 0.0\n" for k in range(21)]
     (folder / ACCELEROMETER_FILE).write_text("".join(lines))
@@ -54,7 +50,7 @@ def test_frames_have_the_newest_readings_also_those_of_motion(
     assert readings[1][-1] == AccelerometerReading(1001.0, (-10.0, -9.8, 0.0))
 
 
-def test_a_camera_without_gravity_leaves_no_file(make_frame: FrameMaker, tmp_path: Path) -> None:
+def test_a_camera_without_gravity_leaves_no_file(tmp_path: Path) -> None:
     folder = record(tmp_path / "room", [make_frame(k) for k in range(3)])
     assert not (folder / ACCELEROMETER_FILE).exists()
     assert gravities(folder) == [None] * 3

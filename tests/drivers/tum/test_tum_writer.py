@@ -14,10 +14,10 @@ from drivers.recording.frame_encoding import FrameStamps, format_stamp
 from drivers.recording.frame_recorder import FrameRecorder
 from drivers.recording.image_encoding import ColorFormat
 from drivers.tum.writer import TumFolder
+from tests.drivers.conftest import make_frame
 from tests.drivers.tum.read_recording import read_recording
 
 FolderMaker = Callable[..., Path]
-FrameMaker = Callable[..., RgbdFrame]
 
 
 def test_the_depth_offset_is_in_the_stamps_and_counted_once(
@@ -48,7 +48,7 @@ def test_any_stamp_and_skew_can_be_written_exactly(stamp_s: float, skew_s: float
     assert "e" not in format_stamp(stamps.depth).lower()
 
 
-def test_the_layout_is_that_of_the_benchmark(make_frame: FrameMaker, tmp_path: Path) -> None:
+def test_the_layout_is_that_of_the_benchmark(tmp_path: Path) -> None:
     with FrameRecorder(TumFolder(tmp_path / "new/place")) as writer:
         writer.write(make_frame(0, readout_s=0.02))
         writer.write(make_frame(1, readout_s=0.02, stamp_s=1000.5))
@@ -66,7 +66,7 @@ def test_the_layout_is_that_of_the_benchmark(make_frame: FrameMaker, tmp_path: P
     assert not list(folder.rglob(".*"))
 
 
-def test_jpeg_color_is_smaller_and_close(make_frame: FrameMaker, tmp_path: Path) -> None:
+def test_jpeg_color_is_smaller_and_close(tmp_path: Path) -> None:
     frame = make_frame(0)
     with FrameRecorder(TumFolder(tmp_path / "jpg", color_format=ColorFormat.JPEG)) as writer:
         writer.write(frame)
@@ -91,7 +91,7 @@ def test_an_unwritable_folder_is_rejected(tmp_path: Path) -> None:
             FrameRecorder(TumFolder(place))
 
 
-def test_a_deleted_folder_is_one_clear_error(make_frame: FrameMaker, tmp_path: Path) -> None:
+def test_a_deleted_folder_is_one_clear_error(tmp_path: Path) -> None:
     writer = FrameRecorder(TumFolder(tmp_path / "r"))
     for seq in range(9):
         writer.write(make_frame(seq))

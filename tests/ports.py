@@ -3,10 +3,13 @@
 import os
 import random
 import socket
+import struct
 from collections.abc import Iterator
 from functools import cache
 from itertools import cycle
 from pathlib import Path
+
+from tests.resource_leaks import open_files
 
 MIN_PORT = 20000
 # Number of pytest workers with separate ports.
@@ -26,6 +29,20 @@ def is_listening(port: int) -> bool:
     """Whether a process listens on a port of 127.0.0.1, without connecting to it."""
     address = f"0100007F:{port:04X}"
     return any(row[1] == address and row[3] == "0A" for row in open_sockets("tcp"))
+
+
+def listening_addresses(pid: int) -> set[str]:
+    """Return the addresses that a process listens on, such as "127.0.0.1"."""
+    inodes = {file[8:-1] for file in open_files(pid) if file.startswith("socket:[")}
+    addresses = set()
+    for fields in open_sockets("tcp", "tcp6"):
+        if fields[3] == "0A" and fields[9] in inodes:
+            words = bytes.fromhex(fields[1].split(":")[0])
+            count = len(words) // 4
+            network_order = struct.pack(f">{count}I", *struct.unpack(f"<{count}I", words))
+            family = socket.AF_INET if count == 1 else socket.AF_INET6
+            addresses.add(socket.inet_ntop(family, network_order))
+    return addresses
 
 
 def open_sockets(*protocols: str) -> list[list[str]]:

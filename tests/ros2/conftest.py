@@ -12,9 +12,6 @@ from tests.ports import free_port
 from tests.ros2.kinect_vo_service import KinectVo, running_kinect_vo
 from tests.ros2.running_node import Ros
 from tests.simulators.requirements import skip_or_fail
-from tests.vo_service.outputs.conftest import listening
-
-__all__ = ["listening"]
 
 ROOT = Path(__file__).parents[2]
 MACHINE = "x86_64"

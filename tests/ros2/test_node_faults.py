@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.ports import open_sockets
+from tests.ports import listening_addresses, open_sockets
 from tests.resource_leaks import open_files
 from tests.ros2.kinect_vo_service import KinectVo
 from tests.ros2.running_node import ROOT, Ros
@@ -68,17 +68,14 @@ def test_a_reader_without_rights_gets_poses_and_a_refusal(
     assert robot.executed == []
 
 
-def test_nothing_listens_beyond_this_computer(
-    port: int, service: KinectVo, ros: Ros, listening: object
-) -> None:
-    assert callable(listening)
+def test_nothing_listens_beyond_this_computer(port: int, service: KinectVo, ros: Ros) -> None:
     own = {k: v for k, v in ros.environment.items() if k != "ROS_AUTOMATIC_DISCOVERY_RANGE"}
     with (
         Ros(ros.python, own).node(port) as node,
         ros.reader(1, "/odom=nav_msgs/Odometry") as reader,
     ):
         reader.first("/odom")
-        assert listening(node.process.pid) == set()
+        assert listening_addresses(node.process.pid) == set()
         bound = bound_addresses(node.process.pid)
         unicast = [address for address in bound if int(address.split(":")[1], 16) < 32768]
     assert unicast

@@ -8,20 +8,17 @@ import pytest
 
 from drivers.core import InputError
 from tests.ports import free_port
-from tests.vo_service.outputs.conftest import status
 from tests.vo_service.outputs.frames.frame_robot import (
     T_BASE_CAMERA,
     Robot,
     running_robot,
 )
+from tests.vo_service.outputs.sample_updates import STATUS
 from tests.waiting import wait_until
 from vo_service import FrameClient, FrameUnavailable
 from vo_service.config_tables import ScanConfig
 from vo_service.navigation.robot_scan import RobotScanner
-from vo_service.types.messages import Status
 from vo_service.types.odometry_update import OdometryUpdate
-
-__all__ = ["status"]
 
 pytestmark = pytest.mark.zenoh
 
@@ -158,10 +155,8 @@ def test_without_a_service_the_time_out_says_so() -> None:
         next(client.frames(timeout_s=0.05))
 
 
-def test_a_service_without_frames_is_named(
-    client: FrameClient, robot: Robot, status: Status
-) -> None:
-    robot.publish_status(status)
+def test_a_service_without_frames_is_named(client: FrameClient, robot: Robot) -> None:
+    robot.publish_status(STATUS)
     client._state.wait_until_alive(60.0)
     with pytest.raises(FrameUnavailable, match="sends no color/camera_info or color/image"):
         next(client.frames(timeout_s=0.05, depth=False))

@@ -1,14 +1,26 @@
-"""Odometry results, as outputs get them."""
+"""Odometry results and a status, as outputs get them."""
 
 import numpy as np
 
-from drivers.camera import PinholeCamera, RgbdFrame
+from drivers.camera import CameraState, PinholeCamera, RgbdFrame
 from drivers.core.geometry import rigid_transform, so3_exp
+from tests.vo_service.fakes import make_status
 from vo_service.types.estimate import Estimate, TrackingDebug
+from vo_service.types.messages import CameraReport
 from vo_service.types.odometry_update import OdometryUpdate, TrackingState
 
 CAMERA = PinholeCamera(width=64, height=48, fx=60.0, fy=60.0, cx=31.5, cy=23.5)
 START_S = 1305031453.359684
+STATUS = make_status(
+    state=TrackingState.DEGRADED,
+    reason="few inliers",
+    camera=CameraReport(
+        name="tum:desk",
+        state=CameraState.STREAMING,
+        intrinsics="camera file camera.toml",
+        dropped=2,
+    ),
+)
 
 
 def make_update(seq: int, *, ok: bool = True) -> OdometryUpdate:

@@ -19,7 +19,7 @@ from drivers.playback.camera import RecordingCamera
 from drivers.playback.recording_formats import open_recording
 from drivers.recording.odometry import OdometryRecord
 from tests.full_disk import limit_file_size
-from tests.vo_service.outputs.sample_updates import make_update
+from tests.vo_service.outputs.sample_updates import STATUS, make_update
 from tests.vo_service.wheel_odometry.wheel_driver import CURVE, pose_at, wheel_message
 from tests.waiting import wait_until
 from vo_service.config_tables import ScanConfig
@@ -50,10 +50,10 @@ def read_messages(path: Path) -> dict[str, list[Any]]:
     return found
 
 
-def test_each_frame_has_its_pose_state_and_timing(tmp_path: Path, status: Status) -> None:
+def test_each_frame_has_its_pose_state_and_timing(tmp_path: Path) -> None:
     updates = [make_update(seq) for seq in range(3)]
     updates[1] = replace(updates[1], state=TrackingState.LOST, reason="dark")
-    record(tmp_path / "a.mcap", updates, status)
+    record(tmp_path / "a.mcap", updates, STATUS)
     found = read_messages(tmp_path / "a.mcap")
     stamps_ns = [
         1_000_000_000 * m.header.stamp.sec + m.header.stamp.nanosec for m in found["/vo/odom"]
@@ -67,7 +67,7 @@ def test_each_frame_has_its_pose_state_and_timing(tmp_path: Path, status: Status
         update.stamp_s for update in updates
     ]
     (written,) = found["/vo/status"]
-    assert json.loads(written.data)["reason"] == status.reason
+    assert json.loads(written.data)["reason"] == STATUS.reason
 
 
 def test_transforms_lead_from_odom_to_the_camera_except_while_lost(tmp_path: Path) -> None:
@@ -199,8 +199,8 @@ def test_an_existing_file_is_kept(tmp_path: Path) -> None:
         open_mcap_recording(tmp_path / "a.bag", REALTIME)
 
 
-def test_a_run_without_frames_leaves_no_file(tmp_path: Path, status: Status) -> None:
-    record(tmp_path / "a.mcap", [], status)
+def test_a_run_without_frames_leaves_no_file(tmp_path: Path) -> None:
+    record(tmp_path / "a.mcap", [], STATUS)
     assert not (tmp_path / "a.mcap").exists()
 
 

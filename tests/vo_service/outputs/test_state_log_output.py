@@ -6,9 +6,9 @@ from dataclasses import replace
 import pytest
 
 from tests.vo_service.fakes import FakeClock
+from tests.vo_service.outputs.sample_updates import STATUS
 from vo_service.outputs import state_log
 from vo_service.outputs.state_log import StateLogOutput
-from vo_service.types.messages import Status
 from vo_service.types.odometry_update import TrackingState
 
 TRACKING, DEGRADED, LOST, NO_CAMERA = (
@@ -20,14 +20,14 @@ START: StateAndReason = (NO_CAMERA, "camera not opened yet")
 
 
 @pytest.fixture
-def log(status: Status, caplog: pytest.LogCaptureFixture) -> Callable[..., list[str]]:
+def log(caplog: pytest.LogCaptureFixture) -> Callable[..., list[str]]:
     """Return the log lines of a sequence of states."""
 
     def run(*states: StateAndReason) -> list[str]:
         output = StateLogOutput()
         with caplog.at_level("INFO"):
             for state, reason in states:
-                output.on_status(replace(status, state=state, reason=reason))
+                output.on_status(replace(STATUS, state=state, reason=reason))
         return [f"{record.levelname} {record.getMessage()}" for record in caplog.records]
 
     return run
@@ -38,17 +38,17 @@ def test_the_initial_state_is_not_logged(log: Callable[..., list[str]]) -> None:
 
 
 def test_a_camera_that_opens_slowly_is_logged_once_and_then_with_the_time(
-    status: Status, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     clock = FakeClock()
     monkeypatch.setattr(state_log, "time", clock)
     output = StateLogOutput()
-    opening = replace(status, state=NO_CAMERA, reason="starting: preparing its room")
+    opening = replace(STATUS, state=NO_CAMERA, reason="starting: preparing its room")
     with caplog.at_level("INFO"):
         for _ in range(8):
             output.on_status(opening)
             clock.now_s += 0.5
-        output.on_status(replace(status, state=TRACKING, reason=""))
+        output.on_status(replace(STATUS, state=TRACKING, reason=""))
     assert [(record.levelname, record.getMessage()) for record in caplog.records] == [
         ("INFO", "no_camera: starting: preparing its room ..."),
         ("INFO", "tracking (after 4.0 s without a camera)"),

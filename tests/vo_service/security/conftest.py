@@ -6,10 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.vo_service.outputs.conftest import status
 from tests.vo_service.security.tls_network import TlsNetwork, TlsRobot, make_keys, make_network
-
-__all__ = ["status"]
 
 
 @pytest.fixture(scope="session")

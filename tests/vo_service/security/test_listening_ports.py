@@ -1,17 +1,14 @@
 """By default, the real service listens on loopback only."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from tests.ports import open_sockets
+from tests.ports import listening_addresses, open_sockets
 from tests.resource_leaks import child_pids_of, open_files
-from tests.vo_service.outputs.conftest import listening
 from tests.vo_service.service_process import ServiceProcess, running_service
 from tests.waiting import wait_until
-
-__all__ = ["listening"]
 
 
 @pytest.fixture(scope="module")
@@ -33,11 +30,9 @@ def processes(service: ServiceProcess) -> list[int]:
 
 @pytest.mark.subprocess
 @pytest.mark.zenoh
-def test_it_listens_on_loopback_alone(
-    service: ServiceProcess, listening: Callable[[int], set[str]]
-) -> None:
-    addresses = {address for process in processes(service) for address in listening(process)}
-    assert addresses == {"127.0.0.1"}
+def test_it_listens_on_loopback_alone(service: ServiceProcess) -> None:
+    found = {each for process in processes(service) for each in listening_addresses(process)}
+    assert found == {"127.0.0.1"}
 
 
 @pytest.mark.slow

@@ -1,5 +1,5 @@
 """The fixtures of the other outputs."""
 
-from tests.vo_service.outputs.conftest import free_port, listening, status
+from tests.vo_service.outputs.conftest import free_port
 
-__all__ = ["free_port", "listening", "status"]
+__all__ = ["free_port"]

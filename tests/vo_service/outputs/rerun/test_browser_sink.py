@@ -3,13 +3,13 @@
 import os
 import pickle
 import socket
-from collections.abc import Callable
 from http.client import HTTPConnection, HTTPResponse
 
 import pytest
 import rerun as rr
 
 from tests import ports
+from tests.ports import listening_addresses
 from tests.resource_leaks import child_pids, is_alive
 from tests.vo_service.outputs.sample_updates import make_update
 from vo_service.outputs.rerun import targets
@@ -53,15 +53,13 @@ def test_the_page_may_connect_only_to_this_computer(free_port: int, other_port: 
         get(other_port, "/")
 
 
-def test_all_ports_are_on_loopback_only(
-    free_port: int, other_port: int, listening: Callable[[int], set[str]]
-) -> None:
-    before = listening(os.getpid())
+def test_all_ports_are_on_loopback_only(free_port: int, other_port: int) -> None:
+    before = listening_addresses(os.getpid())
     output = RerunOutput(BrowserSink(free_port, other_port))
     (process,) = child_pids()
     get(other_port, "/")
-    assert listening(process) == {"127.0.0.1"}
-    assert listening(os.getpid()) == before
+    assert listening_addresses(process) == {"127.0.0.1"}
+    assert listening_addresses(os.getpid()) == before
     output.close()
     assert not is_alive(process)
 

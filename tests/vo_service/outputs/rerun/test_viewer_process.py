@@ -17,12 +17,11 @@ from drivers.core import InputError, UserFacingError
 from tests.resource_leaks import child_pids, is_alive, resident_memory_kb, resources_in_use
 from tests.vo_service.outputs.rerun.faulty_sinks import BlockingSink, FullDiskSink, LeakingSink
 from tests.vo_service.outputs.rerun.rerun_recording import count_rows, is_complete, read_column
-from tests.vo_service.outputs.sample_updates import make_update
+from tests.vo_service.outputs.sample_updates import STATUS, make_update
 from tests.waiting import wait_until
 from vo_service.config_tables import RerunConfig
 from vo_service.outputs.rerun.output import RerunOutput, open_rerun_output
 from vo_service.outputs.rerun.sinks import RrdFileSink, Sink
-from vo_service.types.messages import Status
 from vo_service.types.odometry_update import OdometryUpdate
 
 pytestmark = pytest.mark.subprocess
@@ -67,7 +66,7 @@ def show_until(output: RerunOutput, update: OdometryUpdate, warning: str) -> Non
     wait_until(has_warned)
 
 
-def test_results_reach_the_file_and_no_process_is_left(tmp_path: Path, status: Status) -> None:
+def test_results_reach_the_file_and_no_process_is_left(tmp_path: Path) -> None:
     before = resources_in_use()
     path = tmp_path / "out.rrd"
     with running_output(RrdFileSink(path), pace=PlaybackMode.LOCKSTEP) as (output, process):
@@ -76,7 +75,7 @@ def test_results_reach_the_file_and_no_process_is_left(tmp_path: Path, status: S
             if seq == 30:  # the service alone handles Ctrl-C and SIGTERM
                 os.kill(process, signal.SIGINT)
                 os.kill(process, signal.SIGTERM)
-        output.on_status(status)
+        output.on_status(STATUS)
         assert os.getpgid(process) != os.getpgrp()
     assert (output.dropped, output.warning) == (0, "")
     assert is_complete(path)

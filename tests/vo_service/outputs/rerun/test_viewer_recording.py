@@ -13,12 +13,11 @@ from tests.vo_service.outputs.rerun.rerun_recording import (
     is_complete,
     read_column,
 )
-from tests.vo_service.outputs.sample_updates import make_update
+from tests.vo_service.outputs.sample_updates import STATUS, make_update
 from vo_service.outputs.rerun.messages import TextLog
 from vo_service.outputs.rerun.scene import back_project
 from vo_service.outputs.rerun.sinks import RrdFileSink
 from vo_service.types.estimate import OnlineTiming
-from vo_service.types.messages import Status
 from vo_service.types.odometry_update import OdometryUpdate
 
 pytestmark = pytest.mark.rerun
@@ -109,10 +108,10 @@ def test_truth_of_another_time_is_not_drawn(tmp_path: Path) -> None:
     assert count_rows(path)["/world/ground_truth"] == 0
 
 
-def test_only_changes_of_state_are_recorded(tmp_path: Path, status: Status) -> None:
+def test_only_changes_of_state_are_recorded(tmp_path: Path) -> None:
     path = tmp_path / "out.rrd"
     updates = [make_update(seq, ok=ok) for seq, ok in enumerate([True, True, False, False])]
-    draw(RrdFileSink(path), [*updates, status, status, TextLog("paused")])
+    draw(RrdFileSink(path), [*updates, STATUS, STATUS, TextLog("paused")])
     assert read_column(path, "/log", "TextLog:text") == [
         ["tracking (epoch 1)"],
         ["lost: too few matches (epoch 1)"],

@@ -13,17 +13,16 @@ from drivers.core.geometry import read_trajectory
 from drivers.core.queues import BlockingQueue, DropOldestQueue
 from tests.full_disk import limit_file_size
 from tests.vo_service.cli.cli_runner import count_lines
-from tests.vo_service.outputs.sample_updates import make_update
+from tests.vo_service.outputs.sample_updates import STATUS, make_update
 from tests.waiting import wait_until
 from vo_service.outputs.trajectory.trajectory_file import TrajectoryFileOutput
-from vo_service.types.messages import Status
 
 
-def test_every_good_frame_becomes_one_line(tmp_path: Path, status: Status) -> None:
+def test_every_good_frame_becomes_one_line(tmp_path: Path) -> None:
     output = TrajectoryFileOutput(tmp_path / "out.txt", BlockingQueue(8))
     for seq in range(5):
         output.on_update(make_update(seq, ok=seq != 2))
-        output.on_status(status)
+        output.on_status(STATUS)
     output.close()
     poses = read_trajectory(tmp_path / "out.txt")
     good = [make_update(seq) for seq in (0, 1, 3, 4)]

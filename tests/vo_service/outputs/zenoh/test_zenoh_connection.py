@@ -12,7 +12,7 @@ import zenoh
 
 from drivers.core import InputError
 from tests import ports
-from tests.vo_service.outputs.sample_updates import make_update
+from tests.vo_service.outputs.sample_updates import STATUS, make_update
 from tests.vo_service.outputs.zenoh.query_helpers import config, connected_session, query_json
 from tests.waiting import wait_until
 from vo_service.config_tables import ZenohConfig
@@ -21,7 +21,6 @@ from vo_service.outputs.zenoh import output as output_module
 from vo_service.outputs.zenoh.free_port import ConnectOnFreePort
 from vo_service.outputs.zenoh.output import LIVE_QOS, ConnectOnce, ConnectWithRetry, ZenohOutput
 from vo_service.outputs.zenoh.session import ZenohPortInUseError, open_session
-from vo_service.types.messages import Status
 
 pytestmark = pytest.mark.zenoh
 
@@ -68,11 +67,11 @@ def router(port: int) -> Iterator[zenoh.Session]:
         yield session
 
 
-def send_status_until(output: ZenohOutput, status: Status, holds: Callable[[], bool]) -> None:
+def send_status_until(output: ZenohOutput, holds: Callable[[], bool]) -> None:
     """Send a status repeatedly, as the loop does, until a condition holds."""
 
     def tick() -> bool:
-        output.on_status(status)
+        output.on_status(STATUS)
         return holds()
 
     wait_until(tick)
@@ -145,15 +144,15 @@ def test_a_port_in_use_is_a_warning_and_no_error(free_port: int) -> None:
 
 
 def test_once_the_port_is_free_everything_is_published_and_the_log_has_two_lines(
-    free_port: int, status: Status, attempts: list[ZenohConfig], caplog: pytest.LogCaptureFixture
+    free_port: int, attempts: list[ZenohConfig], caplog: pytest.LogCaptureFixture
 ) -> None:
     with port_in_use(free_port):
         output = ZenohOutput(config(free_port), LIVE_QOS, ConnectWithRetry)
         output.on_update(make_update(4))
-        send_status_until(output, status, lambda: len(attempts) > 5)
+        send_status_until(output, lambda: len(attempts) > 5)
         assert "the port is in use" in output.warning
     with closing(output):
-        send_status_until(output, status, lambda: output.warning == "")
+        send_status_until(output, lambda: output.warning == "")
         with connected_session(free_port) as session:
             # The session accepts connections before anything is declared on it; the token is last.
             wait_until(lambda: bool(query_json(session, "kinect/status")))
@@ -189,23 +188,23 @@ def test_a_permanent_error_is_raised_with_either_policy(
             policy(bad)
 
 
-def test_a_missing_router_is_reported_until_it_is_there(free_port: int, status: Status) -> None:
+def test_a_missing_router_is_reported_until_it_is_there(free_port: int) -> None:
     where = f"tcp/127.0.0.1:{free_port}"
     zenoh_config = ZenohConfig(listen=(), connect=(where,))
     with closing(ZenohOutput(zenoh_config, LIVE_QOS, ConnectWithRetry)) as output:
-        send_status_until(output, status, lambda: output.warning != "")
+        send_status_until(output, lambda: output.warning != "")
         assert output.warning == (
             f"zenoh: no connection to {where}: it is down or denies access; trying again"
         )
         with router(free_port):
-            send_status_until(output, status, lambda: output.warning == "")
-        send_status_until(output, status, lambda: where in output.warning)
+            send_status_until(output, lambda: output.warning == "")
+        send_status_until(output, lambda: where in output.warning)
         with router(free_port) as router_session:
-            send_status_until(output, status, lambda: output.warning == "")
+            send_status_until(output, lambda: output.warning == "")
             wait_until(lambda: bool(query_json(router_session, "kinect/status")))
 
 
-def test_one_of_two_routers_is_enough(free_port: int, status: Status) -> None:
+def test_one_of_two_routers_is_enough(free_port: int) -> None:
     other = ports.free_port()
     zenoh_config = ZenohConfig(
         listen=(), connect=(f"tcp/127.0.0.1:{free_port}", f"tcp/127.0.0.1:{other}")
@@ -213,13 +212,13 @@ def test_one_of_two_routers_is_enough(free_port: int, status: Status) -> None:
     now_s = [0.0]
     keep_trying = partial(ConnectWithRetry, now_s=lambda: now_s[0])
     with router(free_port), closing(ZenohOutput(zenoh_config, LIVE_QOS, keep_trying)) as output:
-        send_status_until(output, status, lambda: output.warning == "")
+        send_status_until(output, lambda: output.warning == "")
         now_s[0] += 2 * output_module.ROUTER_GRACE_S
-        output.on_status(status)
+        output.on_status(STATUS)
         assert output.warning == ""
 
 
-def test_a_client_waits_for_its_router(free_port: int, tmp_path: Path, status: Status) -> None:
+def test_a_client_waits_for_its_router(free_port: int, tmp_path: Path) -> None:
     file = tmp_path / "client.json5"
     where = f"tcp/127.0.0.1:{free_port}"
     file.write_text(f"{{mode: 'client', connect: {{timeout_ms: -1, endpoints: ['{where}']}}}}")
@@ -227,19 +226,17 @@ def test_a_client_waits_for_its_router(free_port: int, tmp_path: Path, status: S
     with closing(ZenohOutput(zenoh_config, LIVE_QOS, ConnectWithRetry)) as output:
         assert output.warning.startswith(f"zenoh: cannot connect to {where}: no reply; trying")
         with router(free_port) as router_session:
-            send_status_until(output, status, lambda: output.warning == "")
+            send_status_until(output, lambda: output.warning == "")
             wait_until(lambda: bool(query_json(router_session, "kinect/status")))
 
 
-def test_a_session_that_was_closed_unexpectedly_is_reopened(free_port: int, status: Status) -> None:
+def test_a_session_that_was_closed_unexpectedly_is_reopened(free_port: int) -> None:
     with closing(ZenohOutput(config(free_port), LIVE_QOS, ConnectWithRetry)) as output:
         (before,) = output._endpoints
         before.session.close()  # type: ignore[no-untyped-call]
-        send_status_until(output, status, lambda: output._endpoints not in ([], [before]))
+        send_status_until(output, lambda: output._endpoints not in ([], [before]))
         with connected_session(free_port) as session:
-            send_status_until(
-                output, status, lambda: "state" in query_json(session, "kinect/status")[0]
-            )
+            send_status_until(output, lambda: "state" in query_json(session, "kinect/status")[0])
         assert output.errors == 0
 
 

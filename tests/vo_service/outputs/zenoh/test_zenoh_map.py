@@ -11,7 +11,7 @@ import pytest
 import zenoh
 
 from drivers.ros_messages.decoding import decode_transform
-from tests.vo_service.outputs.sample_updates import make_update
+from tests.vo_service.outputs.sample_updates import STATUS, make_update
 from tests.vo_service.outputs.zenoh.query_helpers import (
     config,
     connected_session,
@@ -23,7 +23,6 @@ from tests.waiting import wait_until
 from vo_service.config_tables import FrameIds
 from vo_service.outputs.zenoh.output import LOCKSTEP_QOS, ZenohOutput
 from vo_service.outputs.zenoh.session_endpoints import ExtraEndpoints
-from vo_service.types.messages import Status
 
 pytestmark = pytest.mark.zenoh
 
@@ -91,23 +90,21 @@ def test_a_map_transform_is_published_when_the_map_or_the_epoch_changes(free_por
     assert [each["is_localized"] for each in attachments] == [True, True, False]
 
 
-def test_a_map_transform_is_published_with_each_status_and_the_newest_stamp(
-    free_port: int, status: Status
-) -> None:
+def test_a_map_transform_is_published_with_each_status_and_the_newest_stamp(free_port: int) -> None:
     snapshot = make_map()
     with connected_output(free_port) as connected:
         for seq in (0, 1):
             connected.output.on_update(replace(make_update(seq), map=snapshot))
-        connected.output.on_status(status)
-        connected.output.on_status(status)
+        connected.output.on_status(STATUS)
+        connected.output.on_status(STATUS)
         wait_until(lambda: len(connected.maps) >= 3)
     assert [attachment_of(sample)["seq"] for sample in connected.maps] == [0, 1, 1]
 
 
-def test_without_a_map_no_transform_is_published(free_port: int, status: Status) -> None:
+def test_without_a_map_no_transform_is_published(free_port: int) -> None:
     with connected_output(free_port) as connected:
         connected.output.on_update(make_update(0))
-        connected.output.on_status(status)
+        connected.output.on_status(STATUS)
         (refusal,) = map(reply_json, query(connected.session, KEY))
         connected.output.on_update(replace(make_update(1), map=make_map()))
         wait_until(lambda: len(connected.maps) >= 1)

@@ -16,11 +16,10 @@ import pytest
 import zenoh
 from rosbags.typesys import Stores, get_typestore
 
-from tests.vo_service.outputs.sample_updates import make_update
+from tests.vo_service.outputs.sample_updates import STATUS, make_update
 from vo_service.config_tables import ZenohConfig
 from vo_service.outputs.zenoh.output import LIVE_QOS, LOCKSTEP_QOS, ZenohOutput
 from vo_service.outputs.zenoh.session import open_session
-from vo_service.types.messages import Status
 from vo_service.types.odometry_update import OdometryUpdate
 
 pytestmark = pytest.mark.zenoh
@@ -115,15 +114,15 @@ def test_the_attachment_has_the_state_of_the_pose(free_port: int) -> None:
     ]
 
 
-def test_the_status_is_json_with_every_field(free_port: int, status: Status) -> None:
+def test_the_status_is_json_with_every_field(free_port: int) -> None:
     output = ZenohOutput(config(free_port), LOCKSTEP_QOS)
     with subscribed(free_port, "kinect/*") as next_sample:
         assert output.wait_for_subscriber(10)
-        output.on_status(status)
+        output.on_status(STATUS)
         content = json.loads(next_sample().payload.to_bytes())
     output.close()
     versions = content.pop("versions")
-    assert content == {"schema": 1, **json.loads(json.dumps(dataclasses.asdict(status)))}
+    assert content == {"schema": 1, **json.loads(json.dumps(dataclasses.asdict(STATUS)))}
     assert versions["kinect-vo"].count(".") == 2
     assert versions["eclipse-zenoh"].startswith("1.")
 

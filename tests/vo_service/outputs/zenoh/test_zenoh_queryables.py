@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from drivers.ros_messages.decoding import decode_odometry
-from tests.vo_service.outputs.sample_updates import make_update
+from tests.vo_service.outputs.sample_updates import STATUS, make_update
 from tests.vo_service.outputs.zenoh.query_helpers import (
     config,
     connected_session,
@@ -18,7 +18,6 @@ from tests.vo_service.outputs.zenoh.query_helpers import (
 )
 from tests.waiting import wait_until
 from vo_service.outputs.zenoh.output import ZenohOutput
-from vo_service.types.messages import Status
 
 pytestmark = pytest.mark.zenoh
 
@@ -49,17 +48,17 @@ def latest_seq(session: object) -> int:
     return int(json.loads(attachment.to_bytes())["seq"]) if attachment else -1
 
 
-def test_the_last_status_is_the_published_one(free_port: int, status: Status) -> None:
+def test_the_last_status_is_the_published_one(free_port: int) -> None:
     with closing(ZenohOutput(config(free_port))) as output, connected_session(free_port) as session:
-        output.on_status(status)
+        output.on_status(STATUS)
         wait_until(lambda: "error" not in query_json(session, "kinect/status")[0])
         (answer,) = query_json(session, "kinect/status")
     assert (answer["schema"], answer["state"], answer["latency"]["fps"]) == (1, "degraded", 29.9)
 
 
-def test_a_wildcard_query_gets_each_reply_under_its_own_key(free_port: int, status: Status) -> None:
+def test_a_wildcard_query_gets_each_reply_under_its_own_key(free_port: int) -> None:
     with closing(ZenohOutput(config(free_port))) as output, connected_session(free_port) as session:
-        output.on_status(status)
+        output.on_status(STATUS)
         output.on_update(make_update(0))
         wait_until(lambda: latest_seq(session) == 0)
         keys = {str(reply.ok.key_expr) for reply in query(session, "kinect/**") if reply.ok}

@@ -4,12 +4,12 @@ import os
 import socket
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from drivers.core import InputError, UserFacingError
+from tests.ports import listening_addresses
 from vo_service.config_tables import ZenohConfig, check_prefix
 from vo_service.outputs.zenoh.session import open_session
 
@@ -73,22 +73,20 @@ def test_other_names_are_invalid_prefixes(prefix: str) -> None:
 
 
 @pytest.mark.zenoh
-def test_a_session_without_listen_listens_nowhere(listening: Callable[[int], set[str]]) -> None:
-    before = listening(os.getpid())
+def test_a_session_without_listen_listens_nowhere() -> None:
+    before = listening_addresses(os.getpid())
     with open_session(ZenohConfig(listen=())):
-        assert listening(os.getpid()) == before
+        assert listening_addresses(os.getpid()) == before
 
 
 @pytest.mark.zenoh
-def test_an_empty_file_exposes_nothing(
-    tmp_path: Path, free_port: int, listening: Callable[[int], set[str]]
-) -> None:
+def test_an_empty_file_exposes_nothing(tmp_path: Path, free_port: int) -> None:
     file = tmp_path / "zenoh.json5"
     file.write_text("{ /* nothing */ }")
-    before = listening(os.getpid())
+    before = listening_addresses(os.getpid())
     endpoint = f"tcp/127.0.0.1:{free_port}"
     with open_session(ZenohConfig(listen=(endpoint,), config_file=file)):
-        assert listening(os.getpid()) == before | {"127.0.0.1"}
+        assert listening_addresses(os.getpid()) == before | {"127.0.0.1"}
 
 
 @pytest.mark.zenoh

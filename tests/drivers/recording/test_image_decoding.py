@@ -28,8 +28,11 @@ def encoded(image: NDArray[Any], kind: str = ".png") -> bytes:
     return cv2.imencode(kind, image)[1].tobytes()
 
 
+Load = Callable[[bytes, bytes], tuple[NDArray[np.uint8], NDArray[np.uint16]]]
+
+
 @pytest.fixture
-def load(tmp_path: Path) -> Callable[[bytes, bytes], tuple[NDArray[np.uint8], NDArray[np.uint16]]]:
+def load(tmp_path: Path) -> Load:
     def load(color: bytes, depth: bytes) -> tuple[NDArray[np.uint8], NDArray[np.uint16]]:
         (tmp_path / "c").write_bytes(color)
         (tmp_path / "d").write_bytes(depth)
@@ -37,9 +40,6 @@ def load(tmp_path: Path) -> Callable[[bytes, bytes], tuple[NDArray[np.uint8], ND
         return FramePair(*images).load(SIZE, SIZE)
 
     return load
-
-
-Load = Callable[[bytes, bytes], tuple[NDArray[np.uint8], NDArray[np.uint16]]]
 
 
 def test_png_comes_back_bit_for_bit(load: Load) -> None:
@@ -154,26 +154,22 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "image", [(DEPTH >> 8).astype(np.uint8), COLOR, np.dstack([DEPTH] * 3)], ids=str
+    ("color", "depth", "reason"),
+    [
+        (COLOR, DEPTH.astype(np.uint8), "where 16 bits and 1 channel are needed"),
+        (COLOR, COLOR, "where 16 bits and 1 channel are needed"),
+        (COLOR, np.dstack([DEPTH] * 3), "where 16 bits and 1 channel are needed"),
+        (DEPTH, COLOR, "color has 16 bits and 1 channel"),
+        (COLOR, DEPTH[:, :32], r"color is 64x48 but depth .* is 32x48"),
+        (COLOR[:, :32], DEPTH[:, :32], "the image is 32x48 but the camera is 64x48"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
 )
-def test_depth_must_be_16_bit_and_one_channel(load: Load, image: NDArray[np.uint16]) -> None:
-    with pytest.raises(UnreadableFrameError, match="where 16 bits and 1 channel are needed"):
-        load(encoded(COLOR), encoded(image))
-
-
-def test_depth_in_the_place_of_color_is_refused(load: Load) -> None:
-    with pytest.raises(UnreadableFrameError, match="color has 16 bits and 1 channel"):
-        load(encoded(DEPTH), encoded(COLOR))
-
-
-def test_color_and_depth_of_different_sizes_are_refused(load: Load) -> None:
-    with pytest.raises(UnreadableFrameError, match=r"color is 64x48 but depth .* is 32x48"):
-        load(encoded(COLOR), encoded(DEPTH[:, :32]))
-
-
-def test_images_of_another_size_than_the_camera_are_refused(load: Load) -> None:
-    with pytest.raises(UnreadableFrameError, match="the image is 32x48 but the camera is 64x48"):
-        load(encoded(COLOR[:, :32]), encoded(DEPTH[:, :32]))
+def test_images_of_another_kind_or_size_are_refused(
+    load: Load, color: NDArray[Any], depth: NDArray[Any], reason: str
+) -> None:
+    with pytest.raises(UnreadableFrameError, match=reason):
+        load(encoded(color), encoded(depth))
 
 
 def test_an_absurd_size_is_refused_not_a_crash(load: Load) -> None:

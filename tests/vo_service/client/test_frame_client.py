@@ -162,25 +162,23 @@ def test_a_service_without_frames_is_named(client: FrameClient, robot: Robot) ->
         next(client.frames(timeout_s=0.05, depth=False))
 
 
-def test_close_ends_a_loop(client: FrameClient, robot: Robot) -> None:
+def assert_close_ends_its_loop(client: FrameClient, is_waiting: Callable[[], object]) -> None:
     ended: list[object] = []
     thread = threading.Thread(target=lambda: ended.append(list(client.frames())))
     thread.start()
-    wait_until(lambda: robot.is_wanted("color/image"))
+    wait_until(is_waiting)
     client.close()
     thread.join(60.0)
     assert ended == [[]]
+
+
+def test_close_ends_a_loop(client: FrameClient, robot: Robot) -> None:
+    assert_close_ends_its_loop(client, lambda: robot.is_wanted("color/image"))
 
 
 def test_close_ends_a_loop_that_waits_for_a_service() -> None:
-    ended: list[object] = []
     client = FrameClient(connect=f"tcp/127.0.0.1:{free_port()}")
-    thread = threading.Thread(target=lambda: ended.append(list(client.frames())))
-    thread.start()
-    wait_until(lambda: client._assemblies)
-    client.close()
-    thread.join(60.0)
-    assert ended == [[]]
+    assert_close_ends_its_loop(client, lambda: client._assemblies)
 
 
 def test_a_closed_client_has_no_frames(client: FrameClient) -> None:

@@ -9,8 +9,9 @@ import pytest
 
 from drivers.playback.recording_formats import open_recording
 from tests.drivers.bag.test_bag import make_bag
+from tests.drivers.tum.read_recording import assert_same, read_recording
 from tests.simulators.requirements import require_program
-from tests.vo_service.tools.test_convert import assert_same, convert_path, read_frames
+from tests.vo_service.tools.test_convert import convert_path
 
 pytestmark = pytest.mark.subprocess
 
@@ -73,4 +74,4 @@ def test_we_read_a_bag_that_rosbag_wrote(our_bag: Path, compression: str) -> Non
     copy = our_bag.with_name("theirs.bag")
     run("/usr/bin/python3", "-c", COPY, our_bag, copy, compression)
     assert re.search(f"compression: +{compression} ", run("rosbag", "info", copy))
-    assert_same(read_frames(copy), read_frames(our_bag))
+    assert_same(read_recording(copy), read_recording(our_bag))

@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 
 from drivers.bag.mcap_recording_file import McapRecordingFile
-from drivers.camera import RgbdFrame
 from drivers.core import UserFacingError
 from drivers.core.geometry import Trajectory
 from drivers.playback.camera import RecordingCamera
@@ -23,7 +22,7 @@ from drivers.recording import frame_recorder
 from drivers.recording.frame_recorder import FrameRecorder
 from drivers.tum.writer import TumFolder
 from tests.drivers.conftest import make_frame
-from tests.drivers.tum.read_recording import read_recording
+from tests.drivers.tum.read_recording import assert_same, read_recording
 from tests.forked_process import ForkedProcess
 from tests.full_disk import limit_file_size
 
@@ -48,16 +47,6 @@ def make_recorder(kind: str, tmp_path: Path) -> MakeRecorder:
         return FrameRecorder(McapRecordingFile(tmp_path / "r.mcap", is_raw=True), truth)
 
     return make
-
-
-def assert_same(ours: list[RgbdFrame], theirs: list[RgbdFrame]) -> None:
-    assert len(ours) == len(theirs) > 0
-    for a, b in zip(ours, theirs, strict=True):
-        for name in ("stamp_s", "skew_s", "readout_s", "camera", "depth_factor", "gravity_m_s2"):
-            assert getattr(a, name) == getattr(b, name)
-        assert a.timing_prior == b.timing_prior
-        np.testing.assert_array_equal(a.color_bgr, b.color_bgr)
-        np.testing.assert_array_equal(a.depth_raw, b.depth_raw)
 
 
 def test_a_recording_replays_the_same_frames_to_the_last_bit(make_recorder: MakeRecorder) -> None:

@@ -13,9 +13,8 @@ from rosbags.typesys import get_types_from_msg
 from drivers.bag.bag_file import open_bag_file
 from drivers.bag.bag_storage import BagStorage
 from drivers.bag.mcap_recording_file import McapRecordingFile
-from drivers.camera import AccelerometerReading, RgbdFrame
+from drivers.camera import AccelerometerReading
 from drivers.core import InputError, UserFacingError
-from drivers.playback.camera import RecordingCamera
 from drivers.playback.recording_formats import open_recording
 from drivers.recording.frame_recorder import FrameRecorder
 from tests.drivers.bag.bag_maker import (
@@ -35,6 +34,7 @@ from tests.drivers.bag.test_bag import (
     write_color,
     write_frame,
 )
+from tests.drivers.tum.read_recording import assert_same, read_recording
 from tests.full_disk import limit_file_size
 from tests.vo_service.fakes import make_frame
 from vo_service.tools.convert import OutputFormat, choose_format, convert
@@ -51,21 +51,6 @@ def ignore_progress(count: int) -> None:
 def convert_path(path: Path, output: Path, kind: OutputFormat | None = None) -> int:
     kind = kind or choose_format(output, None)
     return convert(open_recording(path), output, kind, ignore_progress)
-
-
-def read_frames(path: Path) -> list[RgbdFrame]:
-    with RecordingCamera(path) as camera:
-        return list(camera)
-
-
-def assert_same(ours: list[RgbdFrame], theirs: list[RgbdFrame]) -> None:
-    assert len(ours) == len(theirs) > 0
-    for a, b in zip(ours, theirs, strict=True):
-        for name in ("stamp_s", "skew_s", "readout_s", "timing_prior", "depth_factor", "camera"):
-            assert getattr(a, name) == getattr(b, name)
-        assert a.gravity_m_s2 == b.gravity_m_s2
-        np.testing.assert_array_equal(a.color_bgr, b.color_bgr)
-        np.testing.assert_array_equal(a.depth_raw, b.depth_raw)
 
 
 def make_difficult(folder: Path) -> None:
@@ -94,11 +79,11 @@ def test_a_folder_and_back_is_the_same_recording(
     folder = copy_recording()
     make_difficult(folder)
     count = convert_path(folder, tmp_path / "new" / name, kind)
-    original = read_frames(folder)
+    original = read_recording(folder)
     assert count == len(original)
-    assert_same(read_frames(tmp_path / "new" / name), original)
+    assert_same(read_recording(tmp_path / "new" / name), original)
     convert_path(tmp_path / "new" / name, tmp_path / "back")
-    assert_same(read_frames(tmp_path / "back"), original)
+    assert_same(read_recording(tmp_path / "back"), original)
 
 
 def test_ground_truth_comes_along(copy_recording: CopyRecording, tmp_path: Path) -> None:
@@ -152,13 +137,13 @@ def test_gravity_beside_readings_comes_along(tmp_path: Path) -> None:
             frame = make_frame(k, 1000.1 + k / 30)
             gravity = (0.1, 9.7, 0.3 + 0.1 * k)
             recorder.write(replace(frame, gravity_m_s2=gravity, accelerometer=readings))
-    original = read_frames(tmp_path / "a.mcap")
+    original = read_recording(tmp_path / "a.mcap")
     assert [frame.gravity_m_s2 for frame in original] == [(0.1, 9.7, 0.3), (0.1, 9.7, 0.4)]
     for name, kind in [*OUTPUTS, ("folder", OutputFormat.FOLDER)]:
         convert_path(tmp_path / "a.mcap", tmp_path / "new" / name, kind)
-        assert_same(read_frames(tmp_path / "new" / name), original)
+        assert_same(read_recording(tmp_path / "new" / name), original)
         if kind is not OutputFormat.FOLDER:
-            assert read_frames(tmp_path / "new" / name)[0].accelerometer == readings
+            assert read_recording(tmp_path / "new" / name)[0].accelerometer == readings
 
 
 def test_files_in_millimeters_keep_their_bytes(
@@ -192,7 +177,7 @@ def test_registered_depth_of_half_the_size_is_written_enlarged(
     recording = open_recording(tmp_path / name)
     assert recording.depth_enlargement == 1
     recording.close()
-    for ours, theirs in zip(read_frames(tmp_path / name), read_frames(path), strict=True):
+    for ours, theirs in zip(read_recording(tmp_path / name), read_recording(path), strict=True):
         np.testing.assert_array_equal(ours.color_bgr, theirs.color_bgr)
         np.testing.assert_array_equal(ours.depth_raw, theirs.depth_raw)
 
@@ -247,7 +232,7 @@ def test_a_format_is_read_whatever_the_name(copy_recording: CopyRecording, tmp_p
         ("bag.mcap", OutputFormat.ROS2),
     ):
         path = tmp_path / name
-        assert convert_path(folder, path, kind) == len(read_frames(path)) == 12
+        assert convert_path(folder, path, kind) == len(read_recording(path)) == 12
 
 
 def test_a_name_that_could_not_be_read_is_refused(
@@ -365,7 +350,7 @@ def test_the_images_of_another_camera_come_along_and_do_not_confuse(tmp_path: Pa
     path = make_bag(tmp_path / "two", fill)
     recording = open_recording(path, topics=(COLOR_TOPIC, DEPTH_TOPIC))
     convert(recording, tmp_path / "a.mcap", OutputFormat.MCAP, ignore_progress)
-    np.testing.assert_array_equal(read_frames(tmp_path / "a.mcap")[3].color_bgr, color_image(3))
+    np.testing.assert_array_equal(read_recording(tmp_path / "a.mcap")[3].color_bgr, color_image(3))
     with open_bag_file(BagStorage(tmp_path / "a.mcap")) as bag:
         assert "/other/color/image_raw" in bag.types
 
@@ -393,7 +378,7 @@ def test_a_clock_that_was_set_back_stays_in_the_order_of_recording(
 
     make_bag(tmp_path / "jump", fill, count=40)
     convert_path(tmp_path / "jump", tmp_path / name, kind)
-    assert_same(read_frames(tmp_path / name), read_frames(tmp_path / "jump"))
+    assert_same(read_recording(tmp_path / name), read_recording(tmp_path / "jump"))
     with pytest.raises(InputError, match="its clock was set back, and a folder holds rising"):
         convert_path(tmp_path / name, tmp_path / "folder")
     assert not (tmp_path / "folder").exists()

@@ -81,7 +81,7 @@ def test_without_depth_there_is_no_initial_scale() -> None:
 def test_after_too_many_failures_tracking_and_scale_restart() -> None:
     odometry = SfmOdometry(parameters=SfmParameters(max_failures=2))
     before = estimate_all(odometry, render_views(7))[-1]
-    lost = estimate_all(odometry, [BLACK, BLACK, render_elsewhere(0)])
+    lost = estimate_all(odometry, [BLACK, render_elsewhere(0), render_elsewhere(0)])
     assert [e.ok for e in lost] == [False, False, True]
     assert [e.is_reset for e in lost] == [False, False, True]
     assert np.array_equal(lost[2].T_world_camera, before.T_world_camera)

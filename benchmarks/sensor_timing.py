@@ -32,7 +32,7 @@ from benchmarks.harness import (
 )
 from benchmarks.rendered_sequences import VirtualRecording, render_all
 from benchmarks.tracking import Accuracy, TrackedSequence, open_frames, track_changed
-from drivers.calibration import UNKNOWN_TIMING
+from drivers.calibration import UNKNOWN_TIMING, find_calibration
 from drivers.camera import RgbdFrame
 from drivers.core import InputError
 from drivers.core.geometry import Array
@@ -430,7 +430,7 @@ def measure_calibrated(args: argparse.Namespace) -> None:
 
 def _calibrated_row(name: str, true: ShutterTiming, folder: Path) -> str:
     begin_s = time.process_time()
-    measurement = TimingMeasurement()
+    measurement = TimingMeasurement(find_calibration(folder, None))
     with open_frames(folder) as (frames, _):
         for frame in frames:
             measurement.process(replace(frame, skew_s=0.0))

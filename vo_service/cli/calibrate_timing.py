@@ -53,11 +53,11 @@ def calibrate_timing(request: CalibrationRequest) -> int:
             file = request.camera_file or config.camera.file or output
             measured = measure_live(source, file, config.sensor, terminal, stop.event)
     terminal.clear()
-    is_kinect = _is_kinect(request.camera, measured.camera)
-    told = told_timing(read_camera(output, measured.camera), is_kinect)
+    is_kinect = _is_kinect(request.camera, measured.calibration)
+    told = told_timing(read_camera(output, measured.calibration), is_kinect)
     changes = improve_timing(told, measured.timing, is_kinect)
     heading = f"kinect-vo calibrate --timing, {date.today()}: {measured.frame_count} frames"
-    backup = save_timing(output, measured.camera, changes, heading)
+    backup = save_timing(output, measured.calibration, changes, heading)
     values = {"before": told, "measured": measured.timing, "now": told | changes}
     saved = SavedTiming({"frames": measured.frame_count}, values, output, backup)
     print(json.dumps(saved.as_json()) if request.json else saved.as_table())

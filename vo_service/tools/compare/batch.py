@@ -100,22 +100,6 @@ def run_in_subprocess(
     Raises:
         UserFacingError: No process can be started.
     """
-    result = _run_once(request, time_limit_s, on_progress, stop)
-    if isinstance(result, KernelsCompiled):
-        result = _run_once(
-            replace(request, stop_after_compiling=False), time_limit_s, on_progress, stop
-        )
-    assert isinstance(result, RunOutcome)
-    return result
-
-
-def _run_once(
-    request: RunRequest,
-    time_limit_s: float,
-    on_progress: Callable[[RunPreparing | RunProgress], None],
-    stop: threading.Event,
-) -> RunOutcome | KernelsCompiled:
-    """Return the last message of a worker, or how it ended without one."""
     try:
         with WorkerProcess(RUN_WORKER, request) as worker:
             result = _receive_outcome(worker, time_limit_s, on_progress, stop)
@@ -123,6 +107,9 @@ def _run_once(
         raise UserFacingError(
             f"the process of a run cannot be started: {error.strerror}; check memory and limits"
         ) from error
+    if isinstance(result, KernelsCompiled):
+        compiled = replace(request, stop_after_compiling=False)
+        return run_in_subprocess(compiled, time_limit_s, on_progress, stop)
     return result or RunOutcome(RunState.CRASHED, error=worker.exit_reason)
 
 
@@ -199,80 +186,64 @@ def run_batch(plan: BatchPlan, terminal: Terminal, stop: threading.Event) -> Ite
     total = len(plan.recordings) * len(plan.factories)
     number = 0
     for recording in plan.recordings:
-        for method, factory in plan.factories.items():
+        for method in plan.factories:
             number += 1
             label = f"{recording.name}, {method} (run {number} of {total})"
-            run = _PlannedRun(plan, recording, method, factory)
-            outcome = run.load_or_run(label, terminal, stop)
+            outcome = _load_or_run(plan, recording, method, label, terminal, stop)
             yield BatchResult(recording, method, outcome, bool(plan.observer_factory.settings))
 
 
-@dataclass(frozen=True)
-class _PlannedRun:
-    """One run, loaded from the cache or executed."""
+def _load_or_run(
+    plan: BatchPlan,
+    recording: BenchmarkRecording,
+    method: str,
+    label: str,
+    terminal: Terminal,
+    stop: threading.Event,
+) -> RunOutcome:
+    """Load the outcome of one run from the cache, or run it."""
+    factory, observer_factory = plan.factories[method], plan.observer_factory
+    selection, versions = recording.frame_selection, collect_versions()
+    cache = RunCache(plan.folder / recording.name / method)
+    key = make_cache_key(recording, factory, versions, observer_factory)
+    cached = cache.load(key)
+    if cached is not None and cached.state is RunState.DONE and not plan.force:
+        terminal.write_line(f"{label}: cached")
+        return cached
+    if stop.is_set():
+        return cached or RunOutcome(RunState.NOT_RUN, error="stopped before its start")
 
-    plan: BatchPlan
-    recording: BenchmarkRecording
-    method: str
-    factory: MethodFactory
-
-    def load_or_run(self, label: str, terminal: Terminal, stop: threading.Event) -> RunOutcome:
-        cache = RunCache(self.plan.folder / self.recording.name / self.method)
-        key = make_cache_key(
-            self.recording, self.factory, collect_versions(), self.plan.observer_factory
-        )
-        cached = cache.load(key)
-        if cached is not None and cached.state is RunState.DONE and not self.plan.force:
-            terminal.write_line(f"{label}: cached")
-            return cached
-        if stop.is_set():
-            return cached or RunOutcome(RunState.NOT_RUN, error="stopped before its start")
-        terminal.show(f"{label}: starting")
-        outcome = run_in_subprocess(
-            self._make_request(),
-            self.plan.time_limit_s,
-            _make_progress_callback(terminal, label),
-            stop,
-        )
-        terminal.clear()
-        if outcome.state is RunState.NOT_RUN:
-            return cached or outcome
-        cache.save(key, outcome, self._describe())
-        if outcome.state is not RunState.DONE:
-            logger.error("%s: %s", label, outcome)
-            return outcome
-        terminal.write_line(f"{label}: {outcome.run.cpu_s:.2f} s of processor time")
-        return cache.load(key) or outcome  # the same rounded values as from the cache
-
-    def _make_request(self) -> RunRequest:
-        return RunRequest(
-            self.recording.folder,
-            self.recording.camera_file,
-            self.factory,
-            self.recording.frame_selection,
-            observer_factory=self.plan.observer_factory,
-            topics=self.recording.topics,
-        )
-
-    def _describe(self) -> dict[str, object]:
-        return {
-            "recording": self.recording.name,
-            "folder": str(self.recording.folder.resolve()),
-            "every": self.recording.frame_selection.step,
-            "first": self.recording.frame_selection.max_frames,
-            "method": self.method,
-            "settings": {**self.factory.settings, **self.plan.observer_factory.settings},
-            "versions": collect_versions(),
-        }
-
-
-def _make_progress_callback(
-    terminal: Terminal, label: str
-) -> Callable[[RunPreparing | RunProgress], None]:
     def show(message: RunPreparing | RunProgress) -> None:
         if isinstance(message, RunProgress):
             terminal.progress(f"{label}: frame", message.done, message.total)
         else:
             terminal.show(f"{label}: preparing, {message.stage}")
 
-    return show
+    terminal.show(f"{label}: starting")
+    request = RunRequest(
+        recording.folder,
+        recording.camera_file,
+        factory,
+        selection,
+        observer_factory=observer_factory,
+        topics=recording.topics,
+    )
+    outcome = run_in_subprocess(request, plan.time_limit_s, show, stop)
+    terminal.clear()
+    if outcome.state is RunState.NOT_RUN:
+        return cached or outcome
+    description = {
+        "recording": recording.name,
+        "folder": str(recording.folder.resolve()),
+        "every": selection.step,
+        "first": selection.max_frames,
+        "method": method,
+        "settings": {**factory.settings, **observer_factory.settings},
+        "versions": versions,
+    }
+    cache.save(key, outcome, description)
+    if outcome.state is not RunState.DONE:
+        logger.error("%s: %s", label, outcome)
+        return outcome
+    terminal.write_line(f"{label}: {outcome.run.cpu_s:.2f} s of processor time")
+    return cache.load(key) or outcome  # the same rounded values as from the cache

@@ -115,12 +115,10 @@ class RunCache:
         ):
             (self.path / name).unlink(missing_ok=True)
         if outcome.state is RunState.DONE:
-            atomic_write(self.path / TRAJECTORY_FILE, _format_trajectory(run.trajectory))
+            atomic_write(self.path / TRAJECTORY_FILE, format_trajectory(run.trajectory))
             if run.loop_closure is not None:
-                atomic_write(
-                    self.path / OPTIMIZED_TRAJECTORY_FILE,
-                    _format_trajectory(run.loop_closure.trajectory),
-                )
+                optimized = format_trajectory(run.loop_closure.trajectory)
+                atomic_write(self.path / OPTIMIZED_TRAJECTORY_FILE, optimized)
             atomic_write(self.path / FRAMES_FILE, _format_frames(run.frames).encode())
         elif outcome.details:
             atomic_write(self.path / DETAILS_FILE, outcome.details.encode())
@@ -194,10 +192,6 @@ def loop_closure_as_json(loop_closure: LoopClosureRun | None) -> dict[str, objec
         "loop_closure_ms_per_frame": round(loop_closure.cpu_ms_per_frame, 3),
         "optimized_poses": len(loop_closure.trajectory),
     }
-
-
-def _format_trajectory(poses: Trajectory) -> bytes:
-    return format_trajectory(poses)
 
 
 def _format_frames(frames: FrameLog) -> str:

@@ -58,7 +58,7 @@ class FrameLog:
             np.array(columns[3], np.int64),
             np.array(columns[4], np.float64),
             np.array(columns[5], np.float64),
-            tuple(str(reason) for reason in columns[6]),
+            tuple(map(str, columns[6])),
         )
 
 

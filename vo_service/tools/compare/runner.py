@@ -23,7 +23,12 @@ from drivers.playback.recording_formats import open_recording
 from drivers.recording.image_decoding import UnreadableFrameError
 from drivers.recording.recording import Recording
 from vo_service.odometry.stage_timers import CpuStageTimer
-from vo_service.tools.compare.batch import RunPreparing, RunProgress, RunRequest
+from vo_service.tools.compare.batch import (
+    KernelsCompiled,
+    RunPreparing,
+    RunProgress,
+    RunRequest,
+)
 from vo_service.tools.compare.methods import MethodFactory
 from vo_service.tools.compare.run_outcome import CompletedRun, FrameLog, LoopClosureRun
 from vo_service.types.estimate import Estimate
@@ -100,18 +105,16 @@ def peak_memory_mb() -> float:
     return int(peak.split()[1]) * 1024 / 1e6
 
 
-class KernelsCompiledFirst(Exception):  # noqa: N818 (not an error: only the memory would be wrong)
-    """Kernels had to be compiled in this process; no frame has been counted yet."""
-
-
 def run_method(
     request: RunRequest, send: Callable[[RunPreparing | RunProgress], None]
-) -> CompletedRun:
+) -> CompletedRun | KernelsCompiled:
     """Run a method on the selected frames.
+
+    Returns:
+        The run; or `KernelsCompiled` before the first frame, if the request allows to stop then.
 
     Raises:
         UserFacingError: The folder is not usable, or a pose is not finite.
-        KernelsCompiledFirst: Kernels had to be compiled, and the request allows to stop then.
     """
     whole = open_recording(request.folder, request.camera_file, request.topics)
     pairs = request.frame_selection.select(whole.frames.pairs)
@@ -120,7 +123,7 @@ def run_method(
         warm_up_method(request.factory, recording, lambda stage: send(RunPreparing(stage)))
         request.observer_factory.prepare(lambda stage: send(RunPreparing(stage)))
     if request.stop_after_compiling and compiled.buffer:
-        raise KernelsCompiledFirst
+        return KernelsCompiled()
     stages, recorder = CpuStageTimer(), RunRecorder()
     odometry = request.factory.make(stages, recording)
     observer = request.observer_factory.make()

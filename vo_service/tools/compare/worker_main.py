@@ -12,8 +12,8 @@ from collections.abc import Callable
 from drivers.core import UserFacingError
 from drivers.core.process.service_connection import ServiceConnection
 from vo_service.tools.compare.batch import KernelsCompiled, RunMessage, RunRequest
-from vo_service.tools.compare.run_outcome import RunOutcome, RunState
-from vo_service.tools.compare.runner import KernelsCompiledFirst, run_method
+from vo_service.tools.compare.run_outcome import CompletedRun, RunOutcome, RunState
+from vo_service.tools.compare.runner import run_method
 
 
 def run_comparison(program: ServiceConnection) -> None:
@@ -39,9 +39,8 @@ def run_request(
 ) -> RunOutcome | KernelsCompiled:
     """Run a method and convert its exceptions to an outcome."""
     try:
-        return RunOutcome(RunState.DONE, run_method(request, send))
-    except KernelsCompiledFirst:
-        return KernelsCompiled()
+        result = run_method(request, send)
+        return RunOutcome(RunState.DONE, result) if isinstance(result, CompletedRun) else result
     except UserFacingError as error:
         return RunOutcome(RunState.FAILED, error=str(error))
     except Exception as error:

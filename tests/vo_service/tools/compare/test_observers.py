@@ -35,7 +35,9 @@ def run_observed(folder: Path, observer: ObserverFactory) -> CompletedRun:
         stop_after_compiling=False,
         observer_factory=observer,
     )
-    return run_method(request, lambda message: None)
+    run = run_method(request, lambda message: None)
+    assert isinstance(run, CompletedRun)
+    return run
 
 
 def observe_round_trip(last: int) -> LoopClosureRun:

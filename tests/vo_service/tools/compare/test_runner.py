@@ -6,7 +6,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numba
@@ -16,10 +16,10 @@ import pytest
 from drivers.camera import RgbdFrame
 from drivers.recording.recording import Recording
 from tests.conftest import FRAMES
-from vo_service.tools.compare.batch import RunPreparing, RunRequest
+from vo_service.tools.compare.batch import KernelsCompiled, RunPreparing, RunRequest
 from vo_service.tools.compare.recordings import FrameSelection
 from vo_service.tools.compare.run_outcome import CompletedRun
-from vo_service.tools.compare.runner import WARM_UP_FRAMES, KernelsCompiledFirst, run_method
+from vo_service.tools.compare.runner import WARM_UP_FRAMES, run_method
 from vo_service.types.estimate import Estimate
 from vo_service.types.odometry import StageTimer
 
@@ -67,6 +67,7 @@ def run_all(folder: Path, factory: RecordingFactory, max_frames: int | None = No
         messages.append,
     )
     assert messages[:2] == [RunPreparing("nothing"), RunPreparing("first frames")]
+    assert isinstance(run, CompletedRun)
     return run
 
 
@@ -92,11 +93,12 @@ def test_after_compilation_no_frame_is_counted_unless_requested(
     recording: Path,
 ) -> None:
     factory = RecordingFactory(_compile_a_kernel)
-    with pytest.raises(KernelsCompiledFirst):
-        run_all(recording, factory)
+    request = RunRequest(recording, None, factory)
+    assert run_method(request, lambda message: None) == KernelsCompiled()
     assert factory.frames == [list(range(WARM_UP_FRAMES))]
-    request = RunRequest(recording, None, factory, stop_after_compiling=False)
-    assert len(run_method(request, lambda message: None).frames) == FRAMES
+    run = run_method(replace(request, stop_after_compiling=False), lambda message: None)
+    assert isinstance(run, CompletedRun)
+    assert len(run.frames) == FRAMES
 
 
 @pytest.mark.subprocess

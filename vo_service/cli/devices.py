@@ -1,12 +1,12 @@
 """``kinect-vo devices``: list the connected sensors, with the --camera value of each."""
 
 import json
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from drivers.registry import CAMERAS
 from vo_service.cli.options import Json
 from vo_service.cli.request import CommandRequest
+from vo_service.terminal import format_columns
 from vo_service.tools.doctor.device_list import (
     ListedDevice,
     list_available_devices,
@@ -44,20 +44,14 @@ def run(request: DevicesRequest) -> int:
         devices = [device.as_json() for device in found]
         print(json.dumps({"schema": 1, "devices": devices, "plugins": list(CAMERAS.plugins)}))
     else:
-        print("\n".join(_format_lines(found)) or NO_SENSOR_MESSAGE)
+        rows = [
+            (f"--camera {device.camera}" if device.camera else "-", _describe(device))
+            for device in found
+        ]
+        print(format_columns(rows) if rows else NO_SENSOR_MESSAGE)
         for name in CAMERAS.plugins:
             print(f"--camera {name}[:ARGUMENT]  plug-in")
     return 0
-
-
-def _format_lines(found: Sequence[ListedDevice]) -> list[str]:
-    """Format two aligned columns: the option to type, and the sensor."""
-    cameras = [f"--camera {device.camera}" if device.camera else "-" for device in found]
-    width = max((len(camera) for camera in cameras), default=0)
-    return [
-        f"{camera.ljust(width)}  {_describe(device)}"
-        for camera, device in zip(cameras, found, strict=True)
-    ]
 
 
 def _describe(device: ListedDevice) -> str:

@@ -1,13 +1,15 @@
 """``kinect-vo doctor``: check the sensor and this computer, and print how to fix each fault."""
 
+import io
 import json
+import shutil
 import sys
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from drivers.camera import PlaybackMode, RgbdCamera, RgbdFrame
+from drivers.camera import PlaybackMode, RgbdCamera
 from drivers.registry import open_camera
 from vo_service.cli.options import (
     CameraFile,
@@ -24,8 +26,13 @@ from vo_service.terminal import Terminal
 from vo_service.tools.doctor.camera_checks import checks_for, requested_camera
 from vo_service.tools.doctor.check import CheckContext, diagnosis_as_json, run_checks
 from vo_service.tools.doctor.finding import CheckVerdict
-from vo_service.tools.doctor.printer import FindingPrinter, NullFindingPrinter
-from vo_service.tools.doctor.report import add_report_contents, open_bug_report, quiet_console
+from vo_service.tools.doctor.printer import FindingPrinter
+from vo_service.tools.doctor.report import (
+    add_report_contents,
+    open_bug_report,
+    quiet_console,
+    write_json,
+)
 from vo_service.tools.doctor.stream_probe import probe_stream
 from vo_service.tools.doctor.usb_probe import probe_usb
 
@@ -70,35 +77,8 @@ def run(request: DoctorRequest) -> int:
     Raises:
         InputError: If an option or the configuration is not valid.
     """
-    checked = _make_checked_camera(request)
-    with nullcontext() if request.verbose else quiet_console():
-        diagnosis = (
-            _run_checks(request, checked)
-            if request.report is None
-            else _run_checks_with_report(request, request.report, checked)
-        )
-    if request.json:
-        print(json.dumps(diagnosis))
-    return 1 if diagnosis["verdict"] == CheckVerdict.FAIL else 0
-
-
-@dataclass(frozen=True)
-class _CheckedCamera:
-    """The camera to check, and the terminal for progress."""
-
-    source: str
-    camera: RgbdCamera
-    terminal: Terminal
-
-    def show_busy(self, check_name: str) -> AbstractContextManager[object]:
-        """Show the present check while the block runs."""
-        return self.terminal.busy(f"kinect-vo doctor: {check_name.replace('-', ' ')}")
-
-
-def _make_checked_camera(request: DoctorRequest) -> _CheckedCamera:
     config = with_options(request, read_config(request.config))
     source: str = request.camera or (config.camera.source if request.config else "freenect")
-    terminal = Terminal()
     camera = open_camera(
         source,
         camera_file=config.camera.file,
@@ -107,48 +87,43 @@ def _make_checked_camera(request: DoctorRequest) -> _CheckedCamera:
         synthetic=config.synthetic,
         topics=request.topics,
     )
-    return _CheckedCamera(source, camera, terminal)
+    with nullcontext() if request.verbose else quiet_console():
+        if request.report is None:
+            diagnosis = _run_checks(request, source, camera)
+        else:
+            with open_bug_report(request.report) as folder:
+                diagnosis = _run_checks(request, source, camera)
+                write_json(folder / "doctor.json", diagnosis)
+                for used in (request.config, request.camera_file):
+                    if used is not None:
+                        shutil.copyfile(used, folder / used.name)
+                with _show_busy("recording frames"):
+                    pictures = add_report_contents(folder, camera)
+            size = request.report.stat().st_size
+            print_message(f"{request.report}: {size / 1e6:.1f} MB, {pictures}")
+    if request.json:
+        print(json.dumps(diagnosis))
+    return 1 if diagnosis["verdict"] == CheckVerdict.FAIL else 0
 
 
-def _run_checks(request: DoctorRequest, checked: _CheckedCamera) -> dict[str, object]:
+def _run_checks(request: DoctorRequest, source: str, camera: RgbdCamera) -> dict[str, object]:
     """Run the checks, print each result unless JSON is requested, and return all as JSON."""
-    requested = requested_camera(checked.source)
+    requested = requested_camera(source)
     context = CheckContext(
-        requested,
-        probe_usb,
-        partial(probe_stream, checked.camera, request.seconds, _discard_frame),
+        requested, probe_usb, partial(probe_stream, camera, request.seconds, lambda frame: None)
     )
     checks = checks_for(requested)
-    printer = (
-        NullFindingPrinter()
-        if request.json
-        else FindingPrinter(sys.stdout, [check.name for check in checks])
-    )
-    printer.print_heading(f"kinect-vo doctor: {checked.source}")
+    stream = io.StringIO() if request.json else sys.stdout
+    printer = FindingPrinter(stream, [check.name for check in checks])
+    printer.print_heading(f"kinect-vo doctor: {source}")
     found = []
-    for result in run_checks(checks, context, checked.show_busy):
+    for result in run_checks(checks, context, _show_busy):
         found.append(result)
         printer.print_result(result)
     printer.print_conclusion(found)
-    return diagnosis_as_json(checked.source, found)
+    return diagnosis_as_json(source, found)
 
 
-def _run_checks_with_report(
-    request: DoctorRequest, file: Path, checked: _CheckedCamera
-) -> dict[str, object]:
-    """Run the checks as `_run_checks`, and write the report."""
-    with open_bug_report(file) as report:
-        diagnosis = _run_checks(request, checked)
-        report.add_json("doctor.json", diagnosis)
-        for used in (request.config, request.camera_file):
-            if used is not None:
-                report.add_copy(used)
-        with checked.show_busy("recording frames"):
-            pictures = add_report_contents(report, checked.camera)
-        size = report.pack()
-    print_message(f"{file}: {size / 1e6:.1f} MB, {pictures}")
-    return diagnosis
-
-
-def _discard_frame(frame: RgbdFrame) -> None:
-    """Ignore the frame."""
+def _show_busy(check_name: str) -> AbstractContextManager[object]:
+    """Show the present check while the block runs."""
+    return Terminal().busy(f"kinect-vo doctor: {check_name.replace('-', ' ')}")

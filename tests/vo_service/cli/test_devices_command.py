@@ -81,9 +81,7 @@ def test_without_a_sensor_there_is_advice(
 
 
 def test_an_unsupported_sensor_is_listed_without_a_camera_argument() -> None:
-    (found,) = list_available_devices(
-        [make_sensor(SensorModel.AZURE, is_supported=False)], OpenNI2Listing()
-    )
+    (found,) = list_available_devices([make_sensor(SensorModel.AZURE)], OpenNI2Listing())
     assert (found.camera, found.name, found.error) == ("", "Azure Kinect", "not supported")
 
 

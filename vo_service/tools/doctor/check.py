@@ -51,11 +51,6 @@ class Check:
     kinds: frozenset[CameraKind] = frozenset(CameraKind)
 
 
-def find_learned_sensors() -> Mapping[str, RememberedSensor]:
-    """Find what the services on this computer have learned, by serial number."""
-    return find_remembered_sensors(memory_folders())
-
-
 @dataclass
 class CheckContext:
     """One computer and one requested camera; nothing is read before it is needed.
@@ -72,7 +67,9 @@ class CheckContext:
     probe_usb: Callable[[], Sequence[UsbSensor]]
     probe_stream: Callable[[], StreamSample]
     root: Path = Path("/")
-    find_learned: Callable[[], Mapping[str, RememberedSensor]] = find_learned_sensors
+    find_learned: Callable[[], Mapping[str, RememberedSensor]] = lambda: find_remembered_sensors(
+        memory_folders()
+    )
 
     @cached_property
     def sensors(self) -> Sequence[UsbSensor]:
@@ -104,11 +101,8 @@ class CheckContext:
 
     def kernel_device(self, part: UsbPart) -> KernelUsbDevice | None:
         """Return the kernel's entry for a part of a sensor, or None if it has none."""
-        bus_and_address = (str(part.bus), str(part.address))
-        return next(
-            (device for device in self.kernel_devices if device.bus_and_address == bus_and_address),
-            None,
-        )
+        devices = {device.bus_and_address: device for device in reversed(self.kernel_devices)}
+        return devices.get(part.bus_and_address)
 
 
 @dataclass(frozen=True)

@@ -49,11 +49,21 @@ def list_available_devices(
     kinects = [sensor for sensor in sensors if sensor.model in KINECT_MODELS]
     unsupported = [sensor for sensor in sensors if not sensor.is_supported]
     primesense = [sensor for sensor in sensors if sensor.model in PRIMESENSE_MODELS]
+    no_driver = openni2.error or "libOpenNI2 does not see it"
     return [
         *(_list_kinect(sensor) for sensor in kinects),
-        *(_list_primesense(device) for device in openni2.devices),
-        *(_list_without_driver(sensor, openni2) for sensor in primesense[len(openni2.devices) :]),
-        *(_list_unsupported(sensor) for sensor in unsupported),
+        *(
+            ListedDevice(f"openni2:{device.uri}", f"{device.vendor} {device.name}", "", "", "")
+            for device in openni2.devices
+        ),
+        *(
+            ListedDevice("openni2", sensor.model, sensor.where, sensor.serial, no_driver)
+            for sensor in primesense[len(openni2.devices) :]
+        ),
+        *(
+            ListedDevice("", sensor.model, sensor.where, "", "not supported")
+            for sensor in unsupported
+        ),
     ]
 
 
@@ -61,20 +71,16 @@ def list_available_devices(
 class OpenNI2Listing:
     """Devices that libOpenNI2 finds, or the reason why it does not work."""
 
-    devices: tuple[DetectedDevice, ...] = ()
+    devices: Sequence[DetectedDevice] = ()
     error: str = ""
 
 
 def query_openni2() -> OpenNI2Listing:
     """List OpenNI2's devices in a subprocess."""
     try:
-        return OpenNI2Listing(call_in_subprocess(_list_openni2_devices, OPENNI2_TIMEOUT_S))
+        return OpenNI2Listing(call_in_subprocess(list_devices, OPENNI2_TIMEOUT_S))
     except UserFacingError as error:
         return OpenNI2Listing((), str(error))
-
-
-def _list_openni2_devices() -> tuple[DetectedDevice, ...]:
-    return tuple(list_devices())
 
 
 def _list_kinect(sensor: UsbSensor) -> ListedDevice:
@@ -86,16 +92,3 @@ def _list_kinect(sensor: UsbSensor) -> ListedDevice:
         serial=sensor.serial if has_serial else "",
         error=_OPEN_ERROR_TEXTS.get(sensor.open_error, sensor.open_error_text),
     )
-
-
-def _list_primesense(device: DetectedDevice) -> ListedDevice:
-    return ListedDevice(f"openni2:{device.uri}", f"{device.vendor} {device.name}", "", "", "")
-
-
-def _list_without_driver(sensor: UsbSensor, openni2: OpenNI2Listing) -> ListedDevice:
-    error = openni2.error or "libOpenNI2 does not see it"
-    return ListedDevice("openni2", sensor.model, sensor.where, sensor.serial, error)
-
-
-def _list_unsupported(sensor: UsbSensor) -> ListedDevice:
-    return ListedDevice("", sensor.model, sensor.where, "", "not supported")

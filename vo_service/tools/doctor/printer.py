@@ -30,19 +30,6 @@ FIX_PREFIX = "fix: "
 NOT_CHECKED = "not checked"
 
 
-class NullFindingPrinter:
-    """Printer that prints nothing, for --json."""
-
-    def print_heading(self, text: str) -> None:
-        """Print nothing."""
-
-    def print_result(self, result: CheckResult) -> None:
-        """Print nothing."""
-
-    def print_conclusion(self, results: Sequence[CheckResult]) -> None:
-        """Print nothing."""
-
-
 class FindingPrinter:
     """Printer to a stream; on a terminal, long lines are wrapped and indented."""
 

@@ -51,8 +51,17 @@ OWN_LOGGERS = ("drivers", "vo_service", "kinect-vo")
 def collect_versions() -> dict[str, str]:
     """Return names and versions of the installed software; "" if not installed."""
     python = {name: _python_package_version(name) for name in PYTHON_PACKAGES}
-    debian = {name: _debian_package_version(name) for name in DEBIAN_PACKAGES}
-    return python | debian | _system_versions()
+    query = ("dpkg-query", "--show", "--showformat=${Version}")
+    debian = {name: run_and_capture([*query, name]) for name in DEBIAN_PACKAGES}
+    release = platform.freedesktop_os_release() if Path("/etc/os-release").exists() else {}
+    system = {
+        "python": platform.python_version(),
+        "os": release.get("PRETTY_NAME", platform.system()),
+        "kernel": platform.release(),
+        "machine": platform.machine(),
+        "processors": str(os.cpu_count() or ""),
+    }
+    return python | debian | system
 
 
 def format_usb_listing(root: Path) -> str:
@@ -82,26 +91,11 @@ def run_and_capture(command: Sequence[str]) -> str:
     return process.stdout if process.returncode == 0 else ""
 
 
-def _system_versions() -> dict[str, str]:
-    release = platform.freedesktop_os_release() if Path("/etc/os-release").exists() else {}
-    return {
-        "python": platform.python_version(),
-        "os": release.get("PRETTY_NAME", platform.system()),
-        "kernel": platform.release(),
-        "machine": platform.machine(),
-        "processors": str(os.cpu_count() or ""),
-    }
-
-
 def _python_package_version(name: str) -> str:
     try:
         return version(name)
     except PackageNotFoundError:
         return ""
-
-
-def _debian_package_version(name: str) -> str:
-    return run_and_capture(["dpkg-query", "--show", "--showformat=${Version}", name])
 
 
 def _format_usb_device(device: KernelUsbDevice) -> str:
@@ -113,48 +107,18 @@ def _format_usb_device(device: KernelUsbDevice) -> str:
     )
 
 
-class BugReport:
-    """Folder that is packed into one file; create it with `open_bug_report`."""
+def write_json(file: Path, content: object) -> None:
+    """Write a readable JSON file.
 
-    def __init__(self, file: Path, folder: Path) -> None:
-        self._file = file
-        self.folder = folder  # files to pack go here
-
-    def add_text(self, name: str, text: str) -> None:
-        """Add a text file.
-
-        Raises:
-            OSError: If that fails.
-        """
-        (self.folder / name).write_text(text)
-
-    def add_json(self, name: str, content: object) -> None:
-        """Add a JSON file.
-
-        Raises:
-            OSError: If that fails.
-        """
-        self.add_text(name, json.dumps(content, indent=2, ensure_ascii=False) + "\n")
-
-    def add_copy(self, file: Path) -> None:
-        """Add a copy of a file under its own name.
-
-        Raises:
-            OSError: If that fails.
-        """
-        shutil.copyfile(file, self.folder / file.name)
-
-    def pack(self) -> int:
-        """Write the file and return its size, bytes. On OSError no file is left."""
-        with atomic_file(self._file) as part:
-            with tarfile.open(part, "w:gz", compresslevel=1) as archive:
-                archive.add(self.folder, arcname=self._file.name.removesuffix(SUFFIX))
-            return part.stat().st_size
+    Raises:
+        OSError: If that fails.
+    """
+    file.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n")
 
 
 @contextmanager
-def open_bug_report(file: Path) -> Iterator[BugReport]:
-    """Open a report that holds a detailed log of the block.
+def open_bug_report(file: Path) -> Iterator[Path]:
+    """Yield the folder of a report, with a detailed log of the block; then pack it into `file`.
 
     Raises:
         InputError: The file name is invalid, or the file exists.
@@ -171,26 +135,33 @@ def open_bug_report(file: Path) -> Iterator[BugReport]:
         writing(file, "no file was written"),
         log_details_to(Path(folder) / LOG_FILE),
     ):
-        yield BugReport(file, Path(folder))
+        yield Path(folder)
+        with (
+            atomic_file(file) as part,
+            tarfile.open(part, "w:gz", compresslevel=1) as archive,
+        ):
+            archive.add(folder, arcname=file.name.removesuffix(SUFFIX))
 
 
-def add_report_contents(report: BugReport, camera: RgbdCamera) -> str:
-    """Add the contents; returns a phrase about the recorded frames.
+def add_report_contents(folder: Path, camera: RgbdCamera) -> str:
+    """Add the contents of a report; returns a phrase about the recorded frames.
+
+    Args:
+        folder: Folder of the report.
 
     Raises:
         OSError: If that fails.
     """
-    report.add_json("versions.json", collect_versions())
-    report.add_text("usb.txt", format_usb_listing(Path("/")))
+    write_json(folder / "versions.json", collect_versions())
+    (folder / "usb.txt").write_text(format_usb_listing(Path("/")))
     for name, text in read_journals().items():
-        report.add_text(name, text)
+        (folder / name).write_text(text)
     # Depth is lossless. Color is JPEG, so that the file is small enough to send.
-    with FrameRecorder(
-        TumFolder(report.folder / "frames", color_format=ColorFormat.JPEG)
-    ) as writer:
+    frames = folder / "frames"
+    with FrameRecorder(TumFolder(frames, color_format=ColorFormat.JPEG)) as writer:
         sample = probe_stream(camera, RECORDED_DURATION_S, writer.write)
     if sample.error:
-        report.add_text("frames/error.txt", f"{sample.error}\n")
+        (frames / "error.txt").write_text(f"{sample.error}\n")
     if not writer.written:
         return "without images, because the camera sent none"
     return f"with {writer.written} camera images: look at them before you send the report"
@@ -222,7 +193,9 @@ def log_details_to(file: Path) -> Iterator[None]:
     detailed = logging.FileHandler(file)
     detailed.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
     # Details of other packages would hide ours.
-    detailed.addFilter(lambda record: record.levelno > logging.INFO or _is_ours(record.name))
+    detailed.addFilter(
+        lambda record: record.levelno > logging.INFO or record.name.partition(".")[0] in OWN_LOGGERS
+    )
     for handler, level in levels:
         handler.setLevel(max(level, before))
     root.addHandler(detailed)
@@ -235,7 +208,3 @@ def log_details_to(file: Path) -> Iterator[None]:
         detailed.close()
         for handler, level in levels:
             handler.setLevel(level)
-
-
-def _is_ours(logger: str) -> bool:
-    return logger.partition(".")[0] in OWN_LOGGERS

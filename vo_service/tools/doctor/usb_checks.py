@@ -10,7 +10,7 @@ from drivers.camera import is_serial
 from drivers.core import UserFacingError
 from vo_service.tools.doctor.check import CheckContext
 from vo_service.tools.doctor.finding import Finding, failed, passed, unknown, warned
-from vo_service.tools.doctor.usb_probe import KernelUsbDevice, OpenError, UsbPart, UsbSensor
+from vo_service.tools.doctor.usb_probe import KernelUsbDevice, OpenError, UsbSensor
 from vo_service.tools.install.system_files import format_sudo_command
 from vo_service.tools.install.udev import GROUP, KERNEL_DRIVER, RULES_FILE
 
@@ -52,28 +52,19 @@ def _missing_sensor_finding(
     context: CheckContext, others: list[UsbSensor], facts: dict[str, list[str]]
 ) -> Finding:
     """Return the finding for a missing sensor, which names the sensors that are connected."""
-    models = " or ".join(sorted(context.requested.models))
+    requested = context.requested
     unsupported = [sensor for sensor in others if not sensor.is_supported]
+    text, fix = "no sensor on the USB", requested.connect_fix
     if unsupported:
-        return failed(
-            f"{_describe_sensor(unsupported[0])}: unsupported model (different hardware)",
-            f"use a {models}",
-            **facts,
-        )
-    if others and context.requested.serial:
-        return failed(
-            f"no sensor has the serial {context.requested.serial}; "
-            f"connected: {_describe_sensor(others[0])}",
-            "`kinect-vo devices` lists the values for --camera",
-            **facts,
-        )
-    if others:
-        return failed(
-            f"{_describe_sensor(others[0])} is another kind of camera",
-            "`kinect-vo devices` lists the values for --camera",
-            **facts,
-        )
-    return failed("no sensor on the USB", context.requested.connect_fix, **facts)
+        text = f"{_describe_sensor(unsupported[0])}: unsupported model (different hardware)"
+        fix = f"use a {' or '.join(sorted(requested.models))}"
+    elif others:
+        other = _describe_sensor(others[0])
+        text = f"{other} is another kind of camera"
+        if requested.serial:
+            text = f"no sensor has the serial {requested.serial}; connected: {other}"
+        fix = "`kinect-vo devices` lists the values for --camera"
+    return failed(text, fix, **facts)
 
 
 def check_usb_speed(context: CheckContext) -> Finding:
@@ -123,7 +114,7 @@ def _devices_sharing_controller(
 ) -> list[KernelUsbDevice]:
     """Return the other devices on the sensor's controller, without hubs and the sensor's parts."""
     parts = (context.sensor.camera, *context.sensor.others)
-    own_addresses = {(str(part.bus), str(part.address)) for part in parts}
+    own_addresses = {part.bus_and_address for part in parts}
     return [
         device
         for device in context.kernel_devices
@@ -135,11 +126,8 @@ def _devices_sharing_controller(
 
 def _needs_bandwidth(context: CheckContext, device: KernelUsbDevice) -> bool:
     """Return True for audio and video devices and for another sensor."""
-    cameras = {
-        (str(other.camera.bus), str(other.camera.address))
-        for other in context.sensors
-        if other is not context.sensor
-    }
+    others = [sensor for sensor in context.sensors if sensor is not context.sensor]
+    cameras = {other.camera.bus_and_address for other in others}
     return (
         bool(device.interface_classes & HIGH_BANDWIDTH_CLASSES.keys())
         or device.bus_and_address in cameras
@@ -194,7 +182,10 @@ def check_exclusive_access(context: CheckContext) -> Finding:
     facts = {"processes": holders}
     if sensor.open_error is OpenError.BUSY or holders:
         who = ", ".join(holders) or "another program"
-        return failed(f"{who} has the camera", _release_fix(holders), **facts)
+        fix = "end that program, then run doctor again"
+        if not holders and os.geteuid() != 0:
+            fix = f"find it with {format_sudo_command('doctor')}, end it, then run doctor again"
+        return failed(f"{who} has the camera", fix, **facts)
     if sensor.open_error is OpenError.NONE:
         return passed("no other program has the camera", **facts)
     return failed(
@@ -204,24 +195,15 @@ def check_exclusive_access(context: CheckContext) -> Finding:
     )
 
 
-def _release_fix(holders: list[str]) -> str:
-    if holders or os.geteuid() == 0:
-        return "end that program, then run doctor again"
-    return f"find it with {format_sudo_command('doctor')}, end it, then run doctor again"
-
-
 def _holders(context: CheckContext) -> Iterator[str]:
     """Yield the programs that have a device file of the camera open, if this user can see them."""
-    device = context.kernel_device(context.sensor.camera)
-    files = {_usb_device_file(context.sensor.camera)}
+    camera = context.sensor.camera
+    device = context.kernel_device(camera)
+    files = {f"/dev/bus/usb/{camera.bus:03d}/{camera.address:03d}"}
     files |= {f"/dev/{node}" for node in device.video_nodes} if device else set()
     for process in context.root.glob("proc/[0-9]*"):
         if process.name != str(os.getpid()) and files & set(_open_files(process)):
             yield f"{_process_name(process)} (process {process.name})"
-
-
-def _usb_device_file(part: UsbPart) -> str:
-    return f"/dev/bus/usb/{part.bus:03d}/{part.address:03d}"
 
 
 def _open_files(process: Path) -> list[str]:

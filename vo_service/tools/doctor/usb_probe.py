@@ -10,7 +10,7 @@ import usb.core
 import usb.util
 
 from drivers.kinect_usb.usb_devices import ConnectedSensor, UsbDevice, find_connected_sensors
-from drivers.kinect_usb.usb_ids import SensorModel, UsbRole
+from drivers.kinect_usb.usb_ids import SensorModel, UsbRole, is_supported
 from vo_service.tools.doctor.stream_probe import call_in_subprocess
 
 HUB_CLASS = "09"
@@ -113,9 +113,13 @@ _OPEN_ERRORS = {
 class UsbPart:
     """One USB device of a sensor."""
 
-    role: UsbRole
     bus: int
     address: int
+
+    @property
+    def bus_and_address(self) -> tuple[str, str]:
+        """Bus and address as texts, as of the kernel's entry."""
+        return str(self.bus), str(self.address)
 
 
 @dataclass(frozen=True)
@@ -124,7 +128,6 @@ class UsbSensor:
 
     Attributes:
         model: Model of the sensor.
-        is_supported: Whether a driver exists for it.
         camera: Its camera device.
         others: Its other USB devices.
         where: Bus and port, as text.
@@ -137,7 +140,6 @@ class UsbSensor:
     """
 
     model: SensorModel
-    is_supported: bool
     camera: UsbPart
     others: tuple[UsbPart, ...]
     where: str
@@ -147,6 +149,11 @@ class UsbSensor:
     open_error_text: str = ""
     has_kernel_driver: bool | None = None
     audio_interfaces: int | None = None
+
+    @property
+    def is_supported(self) -> bool:
+        """Whether a driver exists for it."""
+        return is_supported(self.model)
 
 
 def probe_usb() -> tuple[UsbSensor, ...]:
@@ -165,13 +172,15 @@ def probe_usb_in_process() -> tuple[UsbSensor, ...]:
 
 def _probe_sensor(sensor: ConnectedSensor) -> UsbSensor:
     kernel_driver, open_error, text = (
-        _try_open(sensor.camera) if sensor.is_supported else _NOT_TRIED
+        _try_open(sensor.camera) if sensor.is_supported else (None, OpenError.NONE, "")
+    )
+    camera, *others = (
+        UsbPart(device.bus, device.address) for device in (sensor.camera, *sensor.other_devices)
     )
     return UsbSensor(
         model=sensor.model,
-        is_supported=sensor.is_supported,
-        camera=_make_part(sensor.camera),
-        others=tuple(_make_part(part) for part in sensor.other_devices),
+        camera=camera,
+        others=tuple(others),
         where=sensor.camera.location,
         serial=sensor.read_serial() if open_error is not OpenError.PERMISSION else "",
         speed_mbit_s=sensor.camera.speed_mbit_s,
@@ -180,13 +189,6 @@ def _probe_sensor(sensor: ConnectedSensor) -> UsbSensor:
         has_kernel_driver=kernel_driver,
         audio_interfaces=_audio_interfaces(sensor),
     )
-
-
-_NOT_TRIED = (None, OpenError.NONE, "")
-
-
-def _make_part(part: UsbDevice) -> UsbPart:
-    return UsbPart(part.id.role, part.bus, part.address)
 
 
 def _try_open(camera: UsbDevice) -> tuple[bool | None, OpenError, str]:

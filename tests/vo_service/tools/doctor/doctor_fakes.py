@@ -6,7 +6,7 @@ from typing import Any
 
 from drivers.calibration import KINECT_READOUT_S, KINECT_TIMING_PRIOR
 from drivers.camera import CameraCounters
-from drivers.kinect_usb.usb_ids import SensorModel, UsbRole
+from drivers.kinect_usb.usb_ids import SensorModel
 from vo_service.tools.doctor.camera_checks import requested_camera
 from vo_service.tools.doctor.check import CheckContext
 from vo_service.tools.doctor.stream_probe import FrameSample, StreamSample
@@ -20,9 +20,8 @@ def make_sensor(
 ) -> UsbSensor:
     """Make a sensor on bus 1 without faults, except for `facts`."""
     defaults: dict[str, Any] = {
-        "is_supported": True,
-        "camera": UsbPart(UsbRole.CAMERA, 1, address),
-        "others": (UsbPart(UsbRole.AUDIO, 1, address + 1),),
+        "camera": UsbPart(1, address),
+        "others": (UsbPart(1, address + 1),),
         "where": "bus 1 port 2.1",
         "speed_mbit_s": 480.0,
         "has_kernel_driver": False,

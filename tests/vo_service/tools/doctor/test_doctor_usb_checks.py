@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from drivers.core import UserFacingError
-from drivers.kinect_usb.usb_ids import SensorModel, UsbRole
+from drivers.kinect_usb.usb_ids import SensorModel
 from tests.vo_service.tools.doctor.doctor_fakes import (
     make_capture,
     make_context,
@@ -47,7 +47,7 @@ def test_the_sensor_is_named_with_its_model_place_and_serial() -> None:
 
 @pytest.mark.parametrize("model", [SensorModel.KINECT_V2, SensorModel.AZURE])
 def test_a_later_kinect_is_named_as_unsupported(model: SensorModel) -> None:
-    finding = check_presence(make_context([make_sensor(model, is_supported=False)]))
+    finding = check_presence(make_context([make_sensor(model)]))
     assert finding.verdict is CheckVerdict.FAIL
     assert finding.text.startswith(f"{model}, bus 1 port 2.1: unsupported model")
 
@@ -109,7 +109,7 @@ def test_a_webcam_at_the_same_controller_is_a_warning(
 def test_a_second_sensor_at_the_same_controller_is_a_warning(tmp_path: Path) -> None:
     make_usb_device(tmp_path, f"{CONTROLLER}/usb1/1-2", 1, 4)
     make_usb_device(tmp_path, f"{CONTROLLER}/usb1/1-3", 1, 7, product="Xbox NUI Camera")
-    second = make_sensor(camera=UsbPart(UsbRole.CAMERA, 1, 7), others=())
+    second = make_sensor(camera=UsbPart(1, 7), others=())
     finding = check_controller(make_context([make_sensor(others=()), second], root=tmp_path))
     assert finding.verdict is CheckVerdict.WARNING
     assert "Xbox NUI Camera" in finding.text

@@ -3,7 +3,7 @@
 import argparse
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -31,53 +31,34 @@ def parse_playback_mode(text: str) -> PlaybackMode:
         ) from error
 
 
-def parse_seconds(text: str) -> float:
-    """Parse a positive number of seconds; raise ArgumentTypeError if it is none."""
-    value = _parse_number(text)
-    if not 0 < value < 1e9:
-        raise argparse.ArgumentTypeError(f"{text} is not a duration: give seconds, more than 0")
-    return value
+def _number_parser(is_valid: Callable[[float], bool], error: str) -> Callable[[str], float]:
+    """Make the parser of a number; it raises ArgumentTypeError for a text that is not valid."""
+
+    def parse(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not is_valid(value):
+            raise argparse.ArgumentTypeError(f"{text} {error}")
+        return value
+
+    return parse
 
 
-def parse_finite(text: str) -> float:
-    """Parse a number of seconds, which may be negative; raise ArgumentTypeError if it is none."""
-    value = _parse_number(text)
-    if not abs(value) < 1e11:
-        raise argparse.ArgumentTypeError(f"{text} is not a number of seconds")
-    return value
-
-
-def parse_length_m(text: str) -> float:
-    """Parse a length from 1 mm to 1 m; raise ArgumentTypeError if it is none."""
-    value = _parse_number(text)
-    if not 0.001 <= value <= 1.0:
-        raise argparse.ArgumentTypeError(
-            f"{text} is out of range: give meters, such as 0.025 for 25 mm"
-        )
-    return value
-
-
-def parse_height_m(text: str) -> float:
-    """Parse a height of up to 100 m above the floor; raise ArgumentTypeError if it is none."""
-    value = _parse_number(text)
-    if not 0.0 < value <= 100.0:
-        raise argparse.ArgumentTypeError(f"{text} is not a height: give meters, more than 0")
-    return value
-
-
-def parse_tilt_deg(text: str) -> float:
-    """Parse an angle from -90 to 90 degrees; raise ArgumentTypeError if it is none."""
-    value = _parse_number(text)
-    if not abs(value) <= 90.0:
-        raise argparse.ArgumentTypeError(f"{text} is not a tilt: give degrees from -90 to 90")
-    return value
-
-
-def _parse_number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return math.nan
+parse_seconds = _number_parser(
+    lambda value: 0 < value < 1e9, "is not a duration: give seconds, more than 0"
+)
+parse_finite = _number_parser(lambda value: abs(value) < 1e11, "is not a number of seconds")
+parse_length_m = _number_parser(
+    lambda value: 0.001 <= value <= 1.0, "is out of range: give meters, such as 0.025 for 25 mm"
+)
+parse_height_m = _number_parser(
+    lambda value: 0.0 < value <= 100.0, "is not a height: give meters, more than 0"
+)
+parse_tilt_deg = _number_parser(
+    lambda value: abs(value) <= 90.0, "is not a tilt: give degrees from -90 to 90"
+)
 
 
 def parse_count(text: str) -> int:

@@ -32,7 +32,7 @@ from vo_service.signals import stop_on_signals
 from vo_service.terminal import Terminal
 from vo_service.tools.evaluation.metrics import MIN_MATCHES
 from vo_service.tools.evaluation.plot import write_plot
-from vo_service.tools.evaluation.run_summary import RunSummary
+from vo_service.tools.evaluation.run_summary import RunSummary, evaluate_if_possible
 
 EPILOG = """\
 examples:
@@ -101,9 +101,8 @@ def run(request: DemoRequest) -> int:
         truth = camera.ground_truth
         if truth is None:  # stopped before the first frame
             return result.exit_code
-        summary = RunSummary.from_run(
-            result.statistics, camera.counters, recorder.trajectory, truth, truth.stamps_s
-        )
+        evaluation = evaluate_if_possible(recorder.trajectory, truth, truth.stamps_s)
+        summary = RunSummary(result.statistics, camera.counters, evaluation)
     _write_results(request.output, recorder, truth)
     print_message(f"results: {request.output}" + (" (cut short)" if result.exit_code else ""))
     print(json.dumps(summary.as_json()) if request.json else summary.as_table())

@@ -2,12 +2,10 @@
 
 from typing import TYPE_CHECKING
 
-from drivers.core.geometry import Array, Trajectory
 from vo_service.cli.kernels import run_warm_up
 from vo_service.config import Config
 from vo_service.signals import StopSignal
 from vo_service.terminal import Terminal
-from vo_service.tools.evaluation.run_summary import LoopClosureSummary, evaluate_if_possible
 
 if TYPE_CHECKING:  # its libraries are slow to load
     from vo_service.slam.synchronous_loop_closure import SynchronousLoopClosure
@@ -28,22 +26,4 @@ def make_loop_closure(
     )
 
     run_warm_up(warm_up_loop_closure, terminal, stop)
-
     return create_synchronous_loop_closure(config.map)
-
-
-def summarize_loop_closure(
-    loop_closure: "SynchronousLoopClosure", truth: Trajectory | None, frames_s: Array
-) -> LoopClosureSummary:
-    """Summarize loop closure after a run.
-
-    Args:
-        truth: The ground truth; None: unknown.
-        frames_s: (N,) stamps of the recording's frames, s.
-    """
-    closer = loop_closure.loop_closer
-    return LoopClosureSummary(
-        len(closer.database),
-        closer.loop_count,
-        evaluate_if_possible(loop_closure.trajectory, truth, frames_s),
-    )

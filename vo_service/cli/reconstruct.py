@@ -30,7 +30,7 @@ from vo_service.cli.options import (
     Topics,
     load_config,
 )
-from vo_service.cli.reconstruct_tracking import TrackedRecording, track_recording
+from vo_service.cli.reconstruct_tracking import track_recording
 from vo_service.cli.recordings import open_requested
 from vo_service.cli.request import (
     CommandRequest,
@@ -131,7 +131,7 @@ def run(request: ReconstructionRequest) -> int:
             "leave one of the two out"
         )
     recording = open_requested(request.folder, config.camera.file, request.topics)
-    known = None if request.trajectory is None else _read_poses(request.trajectory, recording)
+    poses = None if request.trajectory is None else _read_poses(request.trajectory, recording)
     camera = RecordingCamera(request.folder, config.camera.file, topics=request.topics)
     volume = _make_volume(request)
     create_output_folder(request.output)
@@ -143,20 +143,18 @@ def run(request: ReconstructionRequest) -> int:
     ):
         with stop.without_exceptions():  # the kernels run on this thread
             run_warm_up(warm_up_reconstruction, terminal, stop)
-            if known is None:
-                tracked = track_recording(
+            loop_counts: dict[str, int] = {}
+            if poses is None:
+                poses, loop_counts = track_recording(
                     request.folder, camera, config, request.loop_closure, terminal, stop
                 )
-                trajectory = format_trajectory(tracked.poses)
-                atomic_write(request.output / TRAJECTORY_FILE, trajectory)
-            else:
-                tracked = TrackedRecording(known, {})
-            reconstructor = Reconstructor(volume, tracked.poses, previews)
+                atomic_write(request.output / TRAJECTORY_FILE, format_trajectory(poses))
+            reconstructor = Reconstructor(volume, poses, previews)
             with camera, terminal.busy("fusing") as busy:
                 reconstructor.run(camera, stop.event, busy.progress_callback("frame"))
         with terminal.busy("making the map") as busy:
             with stop.without_exceptions():
-                report = _make_report(request.folder, reconstructor, volume, tracked, stop)
+                report = _make_report(request.folder, reconstructor, loop_counts, stop)
             report.save(request.output, busy.set_detail)
     ending = " (cut short)" if report.is_interrupted else ""
     terminal.write_line(f"results: {request.output}{ending}")
@@ -196,8 +194,7 @@ def _read_poses(trajectory: Path, recording: OpenRecording) -> Trajectory:
 def _make_report(
     folder: Path,
     reconstructor: Reconstructor,
-    volume: TsdfVolume,
-    tracked: TrackedRecording,
+    loop_counts: dict[str, int],
     stop: StopSignal,
 ) -> ReconstructionReport:
     """Extract the mesh; warn if the memory limit has cut it short.
@@ -206,20 +203,19 @@ def _make_report(
         InputError: If the mesh is empty.
         KeyboardInterrupt: If the mesh is empty because of a stop request.
     """
-    result, mesh = reconstructor.result, reconstructor.finish()
-    if result.camera is None or not len(mesh.triangles):
+    result, mesh, volume = reconstructor.result, reconstructor.finish(), reconstructor.volume
+    config = volume.config
+    if not len(mesh.triangles):
         stop.check()
-        raise InputError(f"{folder}: {_empty_result_reason(result, volume.config.max_depth_m)}")
+        raise InputError(f"{folder}: {_empty_result_reason(result, config.max_depth_m)}")
     if result.full_at_frame:
         _log.warning(
             "the map was full at frame %d of %d: surfaces seen later are left out; give more than "
             "--memory-mb %d, or larger voxels than --voxel-m %g",
-            result.full_at_frame, result.frames, volume.config.memory_mb, volume.config.voxel_m,
+            result.full_at_frame, result.frames, config.memory_mb, config.voxel_m,
         )  # fmt: skip
     title = f"{folder.resolve().name}: {result.fused} of {result.frames} frames, from above"
-    return ReconstructionReport(
-        title, result.camera, mesh, result, volume, stop.event.is_set(), tracked.loop_counts
-    )
+    return ReconstructionReport(title, mesh, result, volume, stop.event.is_set(), loop_counts)
 
 
 def _empty_result_reason(result: ReconstructionResult, max_depth_m: float) -> str:

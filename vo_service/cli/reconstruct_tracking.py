@@ -1,8 +1,6 @@
 """Tracking of a recording for its reconstruction: the longest trajectory in one world."""
 
 import logging
-from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.core.geometry import Trajectory
@@ -21,14 +19,6 @@ from vo_service.types.outputs import NullLoopClosure, Output
 _log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
-class TrackedRecording:
-    """Poses with the frames' own stamps, and counts of loop closure by name; {} without it."""
-
-    poses: Trajectory
-    loop_counts: Mapping[str, int]
-
-
 def track_recording(
     folder: Path,
     camera: RecordingCamera,
@@ -36,11 +26,15 @@ def track_recording(
     with_loop_closure: bool,
     terminal: Terminal,
     stop: StopSignal,
-) -> TrackedRecording:
-    """Run the odometry over a recording and return the longest tracked trajectory.
+) -> tuple[Trajectory, dict[str, int]]:
+    """Run the odometry over a recording.
 
     Loop closure optimizes the poses, and trajectories that it connects are one. Errors name the
     `folder` of the recording.
+
+    Returns:
+        The longest tracked trajectory, with the frames' own stamps; and the counts of loop closure
+        by name, {} without it.
 
     Raises:
         InputError: If no frame was tracked.
@@ -61,9 +55,9 @@ def track_recording(
     result.check_has_motion(str(folder))
     counts: dict[str, int] = {}
     if loop_closure:
-        closer = loop_closure.loop_closer
-        recorder.apply_correction(loop_closure.trajectory, closer.graph.are_connected)
-        counts = {"map_keyframes": len(closer.database), "loop_closures": closer.loop_count}
+        graph = loop_closure.loop_closer.graph
+        recorder.apply_correction(loop_closure.trajectory, graph.are_connected)
+        counts = loop_closure.counts
     poses = recorder.longest_trajectory
     if recorder.epoch_count > 1:
         _log.warning(
@@ -71,4 +65,4 @@ def track_recording(
             "frames; for all frames give a trajectory",
             recorder.epoch_count - 1, len(poses), recorder.frame_count,
         )  # fmt: skip
-    return TrackedRecording(poses, counts)
+    return poses, counts

@@ -2,7 +2,7 @@
 
 import json
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -21,7 +21,7 @@ from vo_service.app import (
     run_replay,
 )
 from vo_service.cli.kernels import prepare_kernels
-from vo_service.cli.loop_closure import make_loop_closure, summarize_loop_closure
+from vo_service.cli.loop_closure import make_loop_closure
 from vo_service.cli.options import (
     CameraFile,
     ConfigFile,
@@ -50,7 +50,11 @@ from vo_service.outputs.zenoh.output import ConnectOnce
 from vo_service.outputs.zenoh.session_endpoints import ExtraEndpoints
 from vo_service.signals import stop_on_signals
 from vo_service.terminal import Terminal, announce_if_slow
-from vo_service.tools.evaluation.run_summary import RunSummary
+from vo_service.tools.evaluation.run_summary import (
+    LoopClosureSummary,
+    RunSummary,
+    evaluate_if_possible,
+)
 from vo_service.types.outputs import NullLoopClosure, Output
 from vo_service.wheel_odometry.wheel_odometry import WheelOdometrySource
 
@@ -158,17 +162,15 @@ def run(request: ReplayRequest) -> int:
             output.close()
         truth = camera.ground_truth
         frames_s = camera.recording.frames.stamps_s
-        summary = RunSummary.from_run(
-            result.statistics,
-            camera.counters,
-            recorder.trajectory,
-            truth,
-            frames_s,
-            summarize_loop_closure(loop_closure, truth, frames_s) if loop_closure else None,
-        )
+        evaluation = evaluate_if_possible(recorder.trajectory, truth, frames_s)
+        summary = RunSummary(result.statistics, camera.counters, evaluation)
+        if loop_closure:
+            optimized = evaluate_if_possible(loop_closure.trajectory, truth, frames_s)
+            loops = LoopClosureSummary(**loop_closure.counts, evaluation=optimized)
+            summary = replace(summary, loop_closure=loops)
     if loop_closure and request.optimized_trajectory:
-        optimized = format_trajectory(loop_closure.trajectory, recorder.publish_offset_s)
-        atomic_write(request.optimized_trajectory, optimized)
+        text = format_trajectory(loop_closure.trajectory, recorder.publish_offset_s)
+        atomic_write(request.optimized_trajectory, text)
     print(json.dumps(summary.as_json()) if request.json else summary.as_table())
     result.check_has_motion(str(request.folder))
     return result.exit_code

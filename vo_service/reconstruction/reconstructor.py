@@ -138,11 +138,11 @@ class Reconstructor:
     def __init__(
         self, volume: TsdfVolume, poses: Trajectory, previews: Sequence[Preview] = ()
     ) -> None:
-        self._volume = volume
+        self.volume = volume
         self._poses = poses
         self._previews = previews
         self._preview_map = PreviewMap(Mesh.empty(), np.empty((0, 3)))
-        self._last_preview_frame: PreviewFrame | None = None
+        self._previewed: PreviewFrame | None = None
         self._previewed_fraction = 0.0
         self.result = ReconstructionResult()
 
@@ -172,38 +172,31 @@ class Reconstructor:
         if T_world_camera is None:
             result.without_pose += 1
             return
-        if not self._volume.has_depth_in_range(frame.depth_m):
+        if not self.volume.has_depth_in_range(frame.depth_m):
             result.without_depth += 1
             return
-        self._volume.integrate(frame.depth_m, frame.color_bgr, frame.camera, T_world_camera)
-        if self._volume.is_full and not result.full_at_frame:
+        self.volume.integrate(frame.depth_m, frame.color_bgr, frame.camera, T_world_camera)
+        if self.volume.is_full and not result.full_at_frame:
             result.full_at_frame = result.frames
         result.camera = result.camera or frame.camera
         result.poses.append(T_world_camera)
         result.up_direction.add(T_world_camera, frame.gravity_m_s2)
         if self._previews:
-            self._update_previews(frame, T_world_camera)
+            if self.volume.used_fraction >= PREVIEW_GROWTH * self._previewed_fraction:
+                self._previewed_fraction = self.volume.used_fraction
+                self._preview_map = PreviewMap(self.volume.extract_mesh(), result.trajectory_m)
+            self._preview(PreviewFrame(frame.seq, frame.camera, T_world_camera, self._preview_map))
 
     def finish(self) -> Mesh:
         """Extract the final mesh and show it in the previews."""
-        mesh = self._volume.extract_mesh()
-        if self._last_preview_frame is not None:
-            self._show_in_previews(
-                replace(
-                    self._last_preview_frame, preview_map=PreviewMap(mesh, self.result.trajectory_m)
-                )
+        mesh = self.volume.extract_mesh()
+        if self._previewed is not None:
+            self._preview(
+                replace(self._previewed, preview_map=PreviewMap(mesh, self.result.trajectory_m))
             )
         return mesh
 
-    def _update_previews(self, frame: RgbdFrame, T_world_camera: Array) -> None:
-        if self._volume.used_fraction >= PREVIEW_GROWTH * self._previewed_fraction:
-            self._previewed_fraction = self._volume.used_fraction
-            self._preview_map = PreviewMap(self._volume.extract_mesh(), self.result.trajectory_m)
-        self._last_preview_frame = PreviewFrame(
-            frame.seq, frame.camera, T_world_camera, self._preview_map
-        )
-        self._show_in_previews(self._last_preview_frame)
-
-    def _show_in_previews(self, frame: PreviewFrame) -> None:
+    def _preview(self, frame: PreviewFrame) -> None:
+        self._previewed = frame
         for preview in self._previews:
             preview.show(frame)

@@ -2,14 +2,13 @@
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from drivers.camera import PinholeCamera
 from drivers.core.files import atomic_write
 from drivers.core.geometry import Array
 from vo_service.reconstruction.gravity_alignment import estimate_up, level_transform
@@ -29,7 +28,6 @@ class ReconstructionReport:
 
     Attributes:
         title: Title of the top view.
-        camera: Intrinsics of the frames.
         mesh: The map.
         result: Counts and poses of the frames.
         volume: The volume that the map was extracted from.
@@ -38,12 +36,11 @@ class ReconstructionReport:
     """
 
     title: str
-    camera: PinholeCamera
     mesh: Mesh
     result: ReconstructionResult
     volume: TsdfVolume
     is_interrupted: bool
-    loop_closure_counts: Mapping[str, int] = field(default_factory=dict)
+    loop_closure_counts: Mapping[str, int]
 
     @cached_property
     def T_level_world(self) -> Array:
@@ -68,7 +65,8 @@ class ReconstructionReport:
         Raises:
             WriteError: A file cannot be written.
         """
-        mesh, poses = self.mesh, self.result.poses
+        mesh, camera, poses = self.mesh, self.result.camera, self.result.poses
+        assert camera is not None  # that of a frame in the map
         report_progress(MESH_FILE)
         write_ply(folder / MESH_FILE, mesh)
         pictures: dict[str, Callable[[], bytes]] = {
@@ -76,7 +74,7 @@ class ReconstructionReport:
                 mesh, self.T_level_world, self.result.trajectory_m, self.title
             ),
             OVERVIEW_FILE: lambda: render_overview(mesh, self.T_level_world),
-            CAMERA_VIEW_FILE: lambda: render_camera_view(mesh, self.camera, poses[0]),
+            CAMERA_VIEW_FILE: lambda: render_camera_view(mesh, camera, poses[0]),
             REPORT_FILE: lambda: f"{json.dumps(self.as_json(), indent=2)}\n".encode(),
         }
         for name, draw in pictures.items():

@@ -41,6 +41,12 @@ class SynchronousLoopClosure(OutputBase):
         self.snapshot = loop_closer.snapshot
 
     @property
+    def counts(self) -> dict[str, int]:
+        """Numbers of map keyframes and loop closures, by name."""
+        closer = self.loop_closer
+        return {"map_keyframes": len(closer.database), "loop_closures": closer.loop_count}
+
+    @property
     def trajectory(self) -> Trajectory:
         """Poses of all good frames by the current map; the first is the identity."""
         return self._optimized_trajectory.trajectory

@@ -117,13 +117,9 @@ class LoopClosureObserver:
     def result(self) -> LoopClosureRun:
         """Result of all frames so far."""
         self._loop_closure.close()
-        loop_closer = self._loop_closure.loop_closer
         mean_ms = float(np.mean(self._cpu_ms)) if self._cpu_ms else 0.0
         return LoopClosureRun(
-            self._loop_closure.trajectory,
-            len(loop_closer.database),
-            loop_closer.loop_count,
-            mean_ms,
+            self._loop_closure.trajectory, **self._loop_closure.counts, cpu_ms_per_frame=mean_ms
         )
 
 

@@ -2,7 +2,7 @@
 
 import logging
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any
 
 from drivers.camera import CameraCounters
 from drivers.core import InputError
@@ -35,26 +35,6 @@ class RunSummary:
     counters: CameraCounters
     evaluation: Evaluation | None
     loop_closure: "LoopClosureSummary | None" = None
-
-    @classmethod
-    def from_run(
-        cls,
-        statistics: ServiceStatistics,
-        counters: CameraCounters,
-        trajectory: Trajectory,
-        ground_truth: Trajectory | None,
-        frames_s: Array,
-        loop_closure: "LoopClosureSummary | None" = None,
-    ) -> Self:
-        """Evaluate the trajectory if possible and return the summary.
-
-        Args:
-            ground_truth: True poses; None if not known.
-            frames_s: (F,) stamps of all delivered frames.
-            loop_closure: Results of loop closure; None if disabled.
-        """
-        evaluation = evaluate_if_possible(trajectory, ground_truth, frames_s)
-        return cls(statistics, counters, evaluation, loop_closure)
 
     def as_json(self) -> dict[str, Any]:
         """Return one flat object; null for values that cannot be computed."""
@@ -170,12 +150,12 @@ class LoopClosureSummary:
 
     Attributes:
         map_keyframes: Number of map keyframes at the end.
-        loops: Number of loop closures at the end.
+        loop_closures: Number of loop closures at the end.
         evaluation: Metrics of the optimized trajectory; None without a truth.
     """
 
     map_keyframes: int
-    loops: int
+    loop_closures: int
     evaluation: Evaluation | None
 
     def as_json(self) -> dict[str, Any]:
@@ -184,14 +164,15 @@ class LoopClosureSummary:
         global_m = self.evaluation.mean_global_error_m if self.evaluation else None
         return {
             "map_keyframes": self.map_keyframes,
-            "loop_closures": self.loops,
+            "loop_closures": self.loop_closures,
             "optimized_ate_rmse_m": ate_m,
             "optimized_mean_global_error_m": global_m,
         }
 
     def rows(self) -> list[tuple[str, str]]:
         """Return the additional table rows."""
-        rows = [("keyframes, loop closures", f"{self.map_keyframes:6d}, {self.loops}")]
+        counts = f"{self.map_keyframes:6d}, {self.loop_closures}"
+        rows = [("keyframes, loop closures", counts)]
         if self.evaluation is not None:
             optimized = self.evaluation
             rows.append(("optimized ATE, RMSE", format_mm(optimized.ate_rmse_m)))

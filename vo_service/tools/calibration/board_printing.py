@@ -1,6 +1,5 @@
 """The page of a board, to print at 100 %."""
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -79,17 +78,13 @@ def _rectangle(cell: Array) -> Array:
 
 def _draw_ruler(page: "Axes", width_mm: float, y_mm: float) -> None:
     left_mm = (width_mm - RULER_MM) / 2
-    for start, end in _ruler_lines(left_mm, y_mm):
-        page.plot([start[0], end[0]], [start[1], end[1]], color="black", linewidth=0.5)
-    page.text(left_mm - 1.5, y_mm, "0", ha="right", va="center", fontsize=TEXT_POINTS)
-    page.text(left_mm + RULER_MM + 1.5, y_mm, "100 mm", va="center", fontsize=TEXT_POINTS)
-
-
-def _ruler_lines(left_mm: float, y_mm: float) -> Iterator[tuple[Array, Array]]:
-    yield np.array([left_mm, y_mm]), np.array([left_mm + RULER_MM, y_mm])
+    page.plot([left_mm, left_mm + RULER_MM], [y_mm, y_mm], color="black", linewidth=0.5)
     for tick in range(11):
         x_mm, half_length_mm = left_mm + RULER_MM * tick / 10, 2.0 if tick % 5 == 0 else 1.0
-        yield np.array([x_mm, y_mm - half_length_mm]), np.array([x_mm, y_mm + half_length_mm])
+        ends_mm = [y_mm - half_length_mm, y_mm + half_length_mm]
+        page.plot([x_mm, x_mm], ends_mm, color="black", linewidth=0.5)
+    page.text(left_mm - 1.5, y_mm, "0", ha="right", va="center", fontsize=TEXT_POINTS)
+    page.text(left_mm + RULER_MM + 1.5, y_mm, "100 mm", va="center", fontsize=TEXT_POINTS)
 
 
 def _write_caption(page: "Axes", board: Board, width_mm: float, y_mm: float) -> None:

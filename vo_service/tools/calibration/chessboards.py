@@ -147,8 +147,8 @@ class Charuco:
 
     def find_corners(self, gray: GrayImage) -> BoardCorners:
         """Find the inner corners beside detected markers."""
-        for detector in self._detectors:
-            pixels, ids, _, _ = detector.detectBoard(gray)
+        for board in self._boards:
+            pixels, ids, _, _ = aruco.CharucoDetector(board).detectBoard(gray)
             if ids is not None and len(ids) >= MIN_CORNERS:
                 points_m = self.layout.inner_corners_m[np.ravel(ids)]
                 return self._refine_corners(gray, np.asarray(pixels, np.float32), points_m)
@@ -173,7 +173,7 @@ class Charuco:
             detector = aruco.ArucoDetector(_dictionary(name))
             _, ids, _ = detector.detectMarkers(gray)
             if name != self.dictionary and ids is not None and len(ids) >= MIN_CORNERS:
-                return f"{self._option} --dictionary {name}"
+                return f"charuco:{self.layout.columns}x{self.layout.rows} --dictionary {name}"
         return ""
 
     def dark_cells_m(self) -> Array:
@@ -197,10 +197,6 @@ class Charuco:
         x_m, y_m = (float(value) for value in corner_m)
         return [(x_m + column * side, y_m + row * side, side, side) for row, column in dark]
 
-    @property
-    def _option(self) -> str:
-        return f"charuco:{self.layout.columns}x{self.layout.rows}"
-
     @cached_property
     def _dictionary(self) -> aruco.Dictionary:
         return _dictionary(self.dictionary)
@@ -216,10 +212,6 @@ class Charuco:
             board.setLegacyPattern(is_legacy)
             boards.append(board)
         return boards
-
-    @cached_property
-    def _detectors(self) -> list[aruco.CharucoDetector]:
-        return [aruco.CharucoDetector(board) for board in self._boards]
 
 
 def _square_px(pixels: NDArray[np.float32], points_m: Array, square_m: float) -> float:

@@ -17,7 +17,6 @@ from drivers.calibration import (
     format_calibration,
 )
 from drivers.camera import (
-    CameraStatus,
     EndOfStream,
     FrameTimeout,
     PlaybackMode,
@@ -83,12 +82,6 @@ def read_frames(camera: RgbdCamera, stop: threading.Event) -> Iterator[RgbdFrame
             yield frame
 
 
-def make_snapshot(frame: RgbdFrame, with_depth: bool) -> Snapshot:
-    """Make a snapshot of a frame."""
-    depth = frame.depth_raw if with_depth else NO_DEPTH
-    return Snapshot(f"frame {frame.seq}", frame.stamp_s, frame.color_bgr, depth)
-
-
 @dataclass(frozen=True)
 class BoardPreviewFrame:
     """Snapshot with its corners, the accepted views so far, and the next instruction."""
@@ -142,9 +135,11 @@ def collect_live(
         known = RAW_CALIBRATION
         for frame in read_frames(camera, stop):
             if frame is None:
-                terminal.show(_waiting_message(camera.status))
+                status = camera.status
+                terminal.show(f"waiting for the camera: {status.reason or status.state}")
                 continue
-            snapshot = make_snapshot(frame, request.with_depth)
+            depth = frame.depth_raw if request.with_depth else NO_DEPTH
+            snapshot = Snapshot(f"frame {frame.seq}", frame.stamp_s, frame.color_bgr, depth)
             decision = selector.process(snapshot)
             if decision is ViewDecision.ACCEPTED:
                 # Stamps one second apart make the saved frames photographs, not a video. A board
@@ -152,16 +147,10 @@ def collect_live(
                 photograph = replace(frame, readout_s=0.0, timing_prior=UNKNOWN_TIMING)
                 save_frame(replace(photograph, stamp_s=float(len(selector.views))))
                 known = replace(known, depth_factor=frame.depth_factor)
-            terminal.show(guide.instruction(decision))
+            advice, views = guide.instruction(decision), tuple(selector.views)
+            terminal.show(advice)
             for preview in previews:
-                preview.show(
-                    BoardPreviewFrame(
-                        snapshot,
-                        selector.corners,
-                        tuple(selector.views),
-                        guide.instruction(decision),
-                    )
-                )
+                preview.show(BoardPreviewFrame(snapshot, selector.corners, views, advice))
             if guide.is_complete:
                 break
     terminal.clear()
@@ -170,10 +159,6 @@ def collect_live(
             f"no image of the camera showed a {board.name}; {BOARD_NOT_FOUND_HINT}"
         )
     return CollectedViews(selector.views, known, guide.gaps)
-
-
-def _waiting_message(status: CameraStatus) -> str:
-    return f"waiting for the camera: {status.reason or status.state}"
 
 
 @contextmanager

@@ -3,7 +3,7 @@
 Zhang, A flexible new technique for camera calibration, IEEE PAMI 22(11), 2000.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -62,7 +62,7 @@ class ColorCalibrationResult:
     @property
     def view_rms_px(self) -> Array:
         """(V,) root mean square reprojection error of each view."""
-        return _view_rms_px(self.residuals_px)
+        return np.array([np.sqrt((each**2).sum(axis=1).mean()) for each in self.residuals_px])
 
 
 def calibrate_color(views: Sequence[BoardView]) -> ColorCalibrationResult:
@@ -86,7 +86,10 @@ def calibrate_color(views: Sequence[BoardView]) -> ColorCalibrationResult:
         worst = int(np.argmax(errors_px))
         if errors_px[worst] <= limit_px:
             refined = _refit_without_outlier_corners(result)
-            return replace(refined, sigma=np.maximum(refined.sigma, _jackknife_lens_sigma(refined)))
+            # If the views do not determine the focal length, as with boards that all face the
+            # camera, the covariance from the normal matrix is far too small.
+            sigma = jackknife_sigma([fit.lens.vector for fit in refit_without_groups(refined)])
+            return replace(refined, sigma=np.maximum(refined.sigma, sigma))
         # Only one at a time, because a large outlier increases the errors of the other views.
         rejected.append(inliers.pop(worst).name)
 
@@ -109,24 +112,13 @@ def _refit_without_outlier_corners(color: ColorCalibrationResult) -> ColorCalibr
     return _fit(views, color.rejected)
 
 
-def _jackknife_lens_sigma(color: ColorCalibrationResult) -> Array:
-    """Return standard deviations (9,) from fits that each leave out a tenth of the views.
-
-    If the views do not determine the focal length, as with boards that all face the camera, the
-    covariance from the normal matrix is far too small.
-    """
+def refit_without_groups(color: ColorCalibrationResult) -> Iterator[ColorCalibrationResult]:
+    """Fit again without each tenth of the views, with the same coefficients."""
     count = min(JACKKNIFE_GROUPS, len(color.views))
-    fits = [refit_without_views(color, range(n, len(color.views), count)) for n in range(count)]
-    return jackknife_sigma([fit.lens.vector for fit in fits])
-
-
-def refit_without_views(
-    color: ColorCalibrationResult, view_numbers: Sequence[int]
-) -> ColorCalibrationResult:
-    """Fit again without some views, with the same coefficients."""
-    views = [view for number, view in enumerate(color.views) if number not in view_numbers]
     flags = 0 if color.lens.distortion[-1] else FIX_K3_FLAG
-    return _fit_with_flags(views, color.rejected, flags | USE_GUESS_FLAG, color.lens)
+    for group in range(count):
+        views = [view for number, view in enumerate(color.views) if number % count != group]
+        yield _fit_with_flags(views, color.rejected, flags | USE_GUESS_FLAG, color.lens)
 
 
 def _fit(views: list[BoardView], rejected: list[str]) -> ColorCalibrationResult:
@@ -170,10 +162,6 @@ def _fit_with_flags(
     return ColorCalibrationResult(
         size, lens, sigmas, rms_px, views, poses, residuals_px, list(rejected)
     )
-
-
-def _view_rms_px(residuals_px: Sequence[Array]) -> Array:
-    return np.array([np.sqrt((each**2).sum(axis=1).mean()) for each in residuals_px])
 
 
 def jackknife_sigma(fits: Sequence[Array]) -> Array:

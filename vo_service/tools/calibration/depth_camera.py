@@ -21,7 +21,7 @@ from vo_service.tools.calibration.color_camera import (
     MIN_SIGNIFICANT_SIGMAS,
     ColorCalibrationResult,
     jackknife_sigma,
-    refit_without_views,
+    refit_without_groups,
 )
 from vo_service.tools.calibration.depth_model import (
     DISTORTION,
@@ -173,8 +173,10 @@ class _DepthFit:
             pixels = self.collect_readings(color, model)
             weights = _is_used(pixels, model, gate) / depth_sigma_m(pixels.readings_m)
             fit = least_squares(
-                _weighted_residuals, model.vector[free], method="lm", x_scale="jac",
-                args=(pixels, model, free, weights),
+                lambda x, pixels, model, weights: (
+                    pixels.residuals_m(model.with_parameters(free, x)) * weights
+                ),
+                model.vector[free], method="lm", x_scale="jac", args=(pixels, model, weights),
             )  # fmt: skip
             model = model.with_parameters(free, fit.x)
         return model
@@ -198,10 +200,8 @@ def _jackknife_sigma(
     correlated, and all views share the color camera's error.
     """
     fits = []
-    count = min(JACKKNIFE_GROUPS, len(color.views))
-    for group in range(count):
+    for group, color_without_group in enumerate(refit_without_groups(color)):
         progress(group)
-        color_without_group = refit_without_views(color, range(group, len(color.views), count))
         fits.append(fit.refine(color_without_group, model, free, GATES[-1:]).vector)
     return jackknife_sigma(fits)
 
@@ -235,10 +235,3 @@ def _normalized_distances(pixels: BoardReadings, model: DepthModel) -> Array:
     """Return distances (N,) from the boards, in standard deviations of the sensor's noise."""
     distances: Array = np.abs(pixels.residuals_m(model)) / depth_sigma_m(pixels.readings_m)
     return distances
-
-
-def _weighted_residuals(
-    x: Array, pixels: BoardReadings, model: DepthModel, free: NDArray[np.int64], weights: Array
-) -> Array:
-    """Return residuals (N,) with the values x (P,) of the free parameters."""
-    return pixels.residuals_m(model.with_parameters(free, x)) * weights

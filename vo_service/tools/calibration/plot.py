@@ -59,9 +59,8 @@ def _draw_corners(plot: "Axes", color: ColorCalibrationResult) -> None:
         plot.fill(*convex_outline(view.corners.pixels).T, facecolor="tab:blue", alpha=0.05)
     pixels = np.concatenate([view.corners.pixels for view in color.views])
     residuals = np.concatenate(color.residuals_px)
-    magnification = _round_to_one_digit(
-        ARROW_LENGTH_RATIO * color.size[0] / max(color.rms_px, 1e-3)
-    )
+    magnification = ARROW_LENGTH_RATIO * color.size[0] / max(color.rms_px, 1e-3)
+    magnification = float(f"{magnification:.1g}")  # one significant digit: 300 for 329
     columns, rows = pixels.T
     plot.scatter(columns, rows, s=3, color="tab:blue", linewidths=0)
     plot.quiver(
@@ -71,11 +70,6 @@ def _draw_corners(plot: "Axes", color: ColorCalibrationResult) -> None:
     plot.set_title(
         f"corners, and {color.rms_px:.2f} px of error, enlarged {magnification:.0f} times"
     )
-
-
-def _round_to_one_digit(value: float) -> float:
-    """Round to one significant digit: 300 for 329."""
-    return float(f"{value:.1g}")
 
 
 def _draw_zones(plot: "Axes", color: ColorCalibrationResult) -> None:

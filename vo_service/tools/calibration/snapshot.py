@@ -47,8 +47,3 @@ class BoardView:
     size: tuple[int, int]
     corners: BoardCorners
     depth_raw: NDArray[np.uint16]
-
-
-def make_view(snapshot: Snapshot, corners: BoardCorners) -> BoardView:
-    """Make a view from a snapshot and its corners."""
-    return BoardView(snapshot.name, snapshot.size, corners, snapshot.depth_raw)

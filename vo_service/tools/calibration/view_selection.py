@@ -13,7 +13,7 @@ from drivers.calibration import NO_DISTORTION
 from drivers.core.geometry import Array
 from vo_service.tools.calibration.board import NO_CORNERS, Board, BoardCorners
 from vo_service.tools.calibration.lens import Lens, solve_board_pose
-from vo_service.tools.calibration.snapshot import BoardView, Snapshot, make_view
+from vo_service.tools.calibration.snapshot import BoardView, Snapshot
 
 # Half a pixel from frame to frame causes no blur; corners are accurate to a tenth.
 MAX_STILL_SPEED_PX_S = 15.0
@@ -116,7 +116,7 @@ class ViewSelector:
         self.board_count += 1
         if not is_still:
             return ViewDecision.MOVING
-        view = make_view(snapshot, corners)
+        view = BoardView(snapshot.name, snapshot.size, corners, snapshot.depth_raw)
         pose = estimate_board_pose(view)
         if not self._is_new(pose):
             return ViewDecision.DUPLICATE
@@ -255,9 +255,6 @@ class CoverageGuide:
         note = "" if decision is ViewDecision.ACCEPTED else f" [{decision}]"
         if self.is_complete:
             return f"{views}: enough"
-        return f"{views}; {_next_remedy(self.gaps)}{note}"
-
-
-def _next_remedy(gaps: Sequence[CoverageGap]) -> str:
-    """Return the next instruction."""
-    return gaps[0].remedy if gaps else "continue, each view a little different"
+        gaps = self.gaps
+        remedy = gaps[0].remedy if gaps else "continue, each view a little different"
+        return f"{views}; {remedy}{note}"

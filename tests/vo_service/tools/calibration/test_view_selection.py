@@ -9,7 +9,7 @@ from drivers.core.geometry import rigid_transform, so3_exp
 from tests.vo_service.tools.calibration.board_snapshots import BOARD
 from tests.vo_service.tools.calibration.rendered_boards import RenderedKinect
 from vo_service.tools.calibration.board import BoardCorners
-from vo_service.tools.calibration.snapshot import NO_DEPTH, BoardView, Snapshot, make_view
+from vo_service.tools.calibration.snapshot import NO_DEPTH, BoardView, Snapshot
 from vo_service.tools.calibration.view_selection import (
     BoardPose,
     CoverageGuide,
@@ -77,7 +77,8 @@ def test_an_approximate_pose_is_near_the_truth() -> None:
     R = so3_exp([0.0, 0.5, 0.0])
     T = rigid_transform(R, np.array([0.0, 0.0, 0.9]) - R @ [0.175, 0.1225, 0.0])
     snapshot = RenderedKinect().take_snapshot(BOARD, T, 0)
-    pose = estimate_board_pose(make_view(snapshot, BOARD.find_corners(snapshot.gray)))
+    corners = BOARD.find_corners(snapshot.gray)
+    pose = estimate_board_pose(BoardView("view", snapshot.size, corners, NO_DEPTH))
     assert pose.distance_m == pytest.approx(0.9, rel=0.1)
     np.testing.assert_allclose(pose.normal, -R[:, 2], atol=0.1)
     np.testing.assert_allclose(pose.center, [0.5, 0.52], atol=0.05)

@@ -93,7 +93,11 @@ class RunEvaluation:
             **metrics,
             "rpe_frame_without_gaps_m": self.rpe_frame_without_gaps_m,
             "gaps": [
-                {"across": str(outcome), **_gap_error_as_json(error)}
+                {
+                    "across": str(outcome),
+                    "error_m": error and float(error.translation_m[0]),
+                    "error_deg": error and float(error.rotation_deg[0]),
+                }
                 for outcome, error in zip(self.gap_outcomes, self.gap_errors, strict=True)
             ],
             "why_lost": dict(self.lost_reasons),
@@ -135,6 +139,11 @@ def _with_ground_truth(
     steps_m = relative_errors(matched, pairs).translation_m
     has_pose = run.frames.has_pose
     steps = tracked_steps(matched, run.trajectory.stamps_s, run.frames.epochs[has_pose])
+    optimized = None
+    if run.loop_closure is not None:
+        optimized = evaluate_if_possible(
+            run.loop_closure.trajectory, recording.truth, recording.frame_stamps_s
+        )
     return replace(
         run_evaluation,
         evaluation=evaluation,
@@ -143,23 +152,9 @@ def _with_ground_truth(
         gap_errors=tuple(gap_error(matched, gap) for gap in recording.gaps),
         steps=len(steps),
         gross_errors=count_gross_errors(matched, steps),
-        optimized_evaluation=_evaluate_optimized(run, recording),
+        optimized_evaluation=optimized,
         rpe_frame_without_gaps_m=rms(steps_m[~spans_gap(matched, pairs, recording.gaps)]),
     )
-
-
-def _evaluate_optimized(run: CompletedRun, recording: BenchmarkRecording) -> Evaluation | None:
-    if run.loop_closure is None:
-        return None
-    return evaluate_if_possible(
-        run.loop_closure.trajectory, recording.truth, recording.frame_stamps_s
-    )
-
-
-def _gap_error_as_json(error: RelativeErrors | None) -> dict[str, float | None]:
-    if error is None:
-        return {"error_m": None, "error_deg": None}
-    return {"error_m": float(error.translation_m[0]), "error_deg": float(error.rotation_deg[0])}
 
 
 @dataclass(frozen=True)

@@ -27,13 +27,9 @@ from vo_service.tools.compare.run_outcome import (
 )
 
 SCHEMA = 1
-RESULT_FILE, TRAJECTORY_FILE, FRAMES_FILE, DETAILS_FILE = (
-    "result.json",
-    "trajectory.txt",
-    "frames.csv",
-    "error.txt",
-)
-OPTIMIZED_TRAJECTORY_FILE = "trajectory_optimized.txt"
+RESULT_FILE, FRAMES_FILE, DETAILS_FILE = "result.json", "frames.csv", "error.txt"
+TRAJECTORY_FILE, OPTIMIZED_TRAJECTORY_FILE = "trajectory.txt", "trajectory_optimized.txt"
+FILES = (RESULT_FILE, FRAMES_FILE, DETAILS_FILE, TRAJECTORY_FILE, OPTIMIZED_TRAJECTORY_FILE)
 FRAME_COLUMNS = ("stamp_s", "has_pose", "epoch", "inliers", "cpu_ms", "wall_ms", "reason")
 
 
@@ -97,7 +93,9 @@ class RunCache:
                 return None
             state = RunState(result["state"])
             if state is not RunState.DONE:
-                return RunOutcome(state, EMPTY_RUN, result["error"], self._load_details())
+                file = self.path / DETAILS_FILE
+                details = file.read_text() if file.exists() else ""
+                return RunOutcome(state, EMPTY_RUN, result["error"], details)
             return RunOutcome(state, self._load_run(result))
         except (OSError, UserFacingError, ValueError, KeyError, TypeError, AttributeError):
             return None
@@ -106,13 +104,7 @@ class RunCache:
         """Store an outcome; the description goes into result.json, too. Raises UserFacingError."""
         run = outcome.run
         create_output_folder(self.path)
-        for name in (
-            RESULT_FILE,
-            TRAJECTORY_FILE,
-            OPTIMIZED_TRAJECTORY_FILE,
-            FRAMES_FILE,
-            DETAILS_FILE,
-        ):
+        for name in FILES:
             (self.path / name).unlink(missing_ok=True)
         if outcome.state is RunState.DONE:
             atomic_write(self.path / TRAJECTORY_FILE, format_trajectory(run.trajectory))
@@ -135,11 +127,10 @@ class RunCache:
 
     def _load_run(self, result: Mapping[str, Any]) -> CompletedRun:
         frames = _read_frames((self.path / FRAMES_FILE).read_text())
-        has_poses = bool(frames.has_pose.any())
-        trajectory = (
-            read_trajectory(self.path / TRAJECTORY_FILE) if has_poses else EMPTY_RUN.trajectory
-        )
-        _check_consistent(frames, trajectory, result["frames"])
+        poses_s = frames.stamps_s[frames.has_pose]
+        trajectory = self._load_trajectory(TRAJECTORY_FILE, len(poses_s))
+        if len(frames) != result["frames"] or not np.array_equal(poses_s, trajectory.stamps_s):
+            raise ValueError("the files belong to different runs")
         return CompletedRun(
             frames=frames,
             trajectory=trajectory,
@@ -150,22 +141,18 @@ class RunCache:
         )
 
     def _load_loop_closure(self, result: Mapping[str, Any]) -> LoopClosureRun:
-        count = int(result["optimized_poses"])
-        optimized = (
-            read_trajectory(self.path / OPTIMIZED_TRAJECTORY_FILE)
-            if count
-            else EMPTY_RUN.trajectory
-        )
-        if len(optimized) != count:
-            raise ValueError("the files belong to different runs")
+        optimized = self._load_trajectory(OPTIMIZED_TRAJECTORY_FILE, int(result["optimized_poses"]))
         cpu_ms = float(result["loop_closure_ms_per_frame"])
         return LoopClosureRun(
             optimized, int(result["map_keyframes"]), int(result["loop_closures"]), cpu_ms
         )
 
-    def _load_details(self) -> str:
-        file = self.path / DETAILS_FILE
-        return file.read_text() if file.exists() else ""
+    def _load_trajectory(self, name: str, count: int) -> Trajectory:
+        """Read a file of `count` poses, which does not exist for none; raise ValueError if not."""
+        trajectory = read_trajectory(self.path / name) if count else EMPTY_RUN.trajectory
+        if len(trajectory) != count:
+            raise ValueError("the files belong to different runs")
+        return trajectory
 
 
 def run_as_json(run: CompletedRun) -> dict[str, object]:
@@ -221,10 +208,3 @@ def _read_frames(text: str) -> FrameLog:
             for row in rows
         ]
     )
-
-
-def _check_consistent(frames: FrameLog, trajectory: Trajectory, count: int) -> None:
-    """Raise ValueError unless the files belong to the same run."""
-    is_complete = len(frames) == count
-    if not is_complete or not np.array_equal(frames.stamps_s[frames.has_pose], trajectory.stamps_s):
-        raise ValueError("the files belong to different runs")

@@ -32,7 +32,6 @@ from vo_service.tools.compare.batch import (
 from vo_service.tools.compare.methods import MethodFactory
 from vo_service.tools.compare.run_outcome import CompletedRun, FrameLog, LoopClosureRun
 from vo_service.types.estimate import Estimate
-from vo_service.types.odometry import Odometry
 
 logger = logging.getLogger(__name__)
 
@@ -56,12 +55,20 @@ class RunRecorder:
     def __len__(self) -> int:
         return len(self._rows)
 
-    def add_frame(self, frame: RgbdFrame, estimate: Estimate, cpu_s: float, wall_s: float) -> None:
-        """Add the result of a frame and its processor and elapsed time, s.
+    def add_frame(
+        self,
+        frame: RgbdFrame,
+        estimate: Estimate,
+        cpu_s: float,
+        wall_s: float,
+        stages_ms: Mapping[str, float],
+    ) -> None:
+        """Add the result of a frame and its times.
 
         Args:
             cpu_s: Processor time of the estimate, s.
             wall_s: Elapsed time of the estimate, s.
+            stages_ms: Processor time by stage, ms.
         """
         self._epoch += estimate.is_reset
         times_ms = 1e3 * cpu_s, 1e3 * wall_s
@@ -70,9 +77,6 @@ class RunRecorder:
         if estimate.ok:
             self._stamps_s.append(frame.stamp_s)
             self._poses.append(estimate.T_world_camera)
-
-    def add_stages(self, stages_ms: Mapping[str, float]) -> None:
-        """Add the times of one frame by stage, ms."""
         for stage, time_ms in stages_ms.items():
             self._stages_ms[stage].append(time_ms)
 
@@ -129,7 +133,11 @@ def run_method(
     observer = request.observer_factory.make()
     progress_sent_s = 0.0
     for frame in _read_frames(recording):
-        observer.observe(frame, _process_frame(recorder, odometry, frame, stages))
+        begin_s, begin_cpu_s = time.monotonic(), time.process_time()
+        estimate = odometry.estimate(frame)
+        cpu_s, wall_s = time.process_time() - begin_cpu_s, time.monotonic() - begin_s
+        recorder.add_frame(frame, estimate, cpu_s, wall_s, stages.take_stage_ms())
+        observer.observe(frame, estimate)
         if time.monotonic() - progress_sent_s > PROGRESS_PERIOD_S:
             progress_sent_s = time.monotonic()
             send(RunProgress(frame.seq + 1, len(pairs)))
@@ -149,18 +157,6 @@ def warm_up_method(
             odometry.estimate(reader.read(pair, seq))
         except UnreadableFrameError:  # will be reported in the run
             continue
-
-
-def _process_frame(
-    recorder: RunRecorder, odometry: Odometry, frame: RgbdFrame, stages: CpuStageTimer
-) -> Estimate:
-    """Estimate a frame, and record the result and the times."""
-    begin_s, begin_cpu_s = time.monotonic(), time.process_time()
-    estimate = odometry.estimate(frame)
-    cpu_s, wall_s = time.process_time() - begin_cpu_s, time.monotonic() - begin_s
-    recorder.add_frame(frame, estimate, cpu_s, wall_s)
-    recorder.add_stages(stages.take_stage_ms())
-    return estimate
 
 
 def _read_frames(recording: Recording) -> Iterator[RgbdFrame]:

@@ -1,7 +1,6 @@
 """Training of a vocabulary of ORB descriptors, for ORB-SLAM3 without a vocabulary file."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,14 +14,6 @@ MAX_ITERATIONS = 10
 SEED = 1
 # A column per bit, of values -1 and 1: the larger the product, the smaller the Hamming distance.
 SignedBits = NDArray[np.float32]
-
-
-@dataclass(frozen=True)
-class _Node:
-    parent: int
-    is_word: bool
-    descriptor: Descriptors
-    weight: float
 
 
 def train_vocabulary(
@@ -41,17 +32,17 @@ def train_vocabulary(
     descriptors = np.concatenate([np.empty((0, DESCRIPTOR_BYTES), np.uint8), *images])
     owners = np.repeat(np.arange(len(images)), [len(image) for image in images])
     lines = [f"{branches} {levels} {L1_NORM} {TF_IDF}"]
-    lines += map(_format_node, _grow_tree(descriptors, owners, branches, levels))
+    lines += _grow_tree(descriptors, owners, branches, levels)
     # DBoW2 would read an empty last line as one more node.
     return "\n".join(lines)
 
 
 def _grow_tree(
     descriptors: Descriptors, owners: NDArray[np.int64], branches: int, levels: int
-) -> Iterator[_Node]:
-    """Yield the nodes level by level; `owners` are the numbers of the descriptors' images."""
+) -> Iterator[str]:
+    """Yield the nodes' lines by level; `owners` are the numbers of the descriptors' images."""
     generator = np.random.default_rng(SEED)
-    bits = _to_signed_bits(descriptors)
+    bits = 2 * np.unpackbits(descriptors, axis=1).astype(np.float32) - 1
     images = int(owners.max(initial=0)) + 1
     number = 0
     level = [(0, np.arange(len(bits)))]
@@ -61,9 +52,10 @@ def _grow_tree(
             for median, chosen in _split(bits[members], branches, generator):
                 number += 1
                 own = members[chosen]
-                is_word = depth == levels or _are_equal(bits[own])
+                is_word = depth == levels or bool(np.all(bits[own] == bits[own][0]))
                 weight = np.log(images / len(np.unique(owners[own]))) if is_word else 0.0
-                yield _Node(parent, is_word, _to_descriptor(median), float(weight))
+                values = " ".join(map(str, np.packbits(median > 0)))
+                yield f"{parent} {int(is_word)} {values} {float(weight):g}"
                 if not is_word:
                     next_level.append((number, own))
         level = next_level
@@ -82,29 +74,9 @@ def _split(
         if np.array_equal(nearest, previous):
             break
         used = np.unique(nearest)
-        medians = np.array([_median(bits[nearest == cluster]) for cluster in used])
+        # The majority of each bit minimizes the sum of Hamming distances.
+        sums = np.array([bits[nearest == cluster].sum(axis=0) for cluster in used])
+        medians = np.where(sums >= 0, np.float32(1), np.float32(-1))
         nearest = np.searchsorted(used, nearest)
     for cluster in np.unique(nearest):
         yield medians[cluster], np.flatnonzero(nearest == cluster)
-
-
-def _median(bits: SignedBits) -> SignedBits:
-    """Return the majority of each bit, which minimizes the sum of Hamming distances."""
-    return np.where(bits.sum(axis=0) >= 0, np.float32(1), np.float32(-1))
-
-
-def _are_equal(bits: SignedBits) -> bool:
-    return bool(np.all(bits == bits[0]))
-
-
-def _to_signed_bits(descriptors: Descriptors) -> SignedBits:
-    return 2 * np.unpackbits(descriptors, axis=1).astype(np.float32) - 1
-
-
-def _to_descriptor(bits: SignedBits) -> Descriptors:
-    return np.packbits(bits > 0)
-
-
-def _format_node(node: _Node) -> str:
-    values = " ".join(map(str, node.descriptor))
-    return f"{node.parent} {int(node.is_word)} {values} {node.weight:g}"

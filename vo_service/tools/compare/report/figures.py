@@ -271,7 +271,11 @@ def _draw_trajectories(
     if bounds_m is not None and not all(
         _is_within(poses, bounds_m) for poses in trajectories.values()
     ):
-        _limit_axes(plots, bounds_m)
+        right, down, forward = bounds_m.T
+        plots["A"].set(xlim=right, ylim=forward)
+        plots["B"].set(xlim=forward, ylim=(-down[1], -down[0]))
+        for plot in plots.values():
+            plot.set_aspect("equal", adjustable="box")
     _place_legend(figure, plots["A"].get_legend_handles_labels()[0])
     return figure
 
@@ -288,11 +292,3 @@ def _shown_bounds_m(truth: Trajectory) -> Array:
 def _is_within(poses: Trajectory, bounds_m: Array) -> bool:
     positions_m = poses.T_world_camera[:, :3, 3]
     return bool(np.all((positions_m >= bounds_m[0]) & (positions_m <= bounds_m[1])))
-
-
-def _limit_axes(plots: "dict[str, Axes]", bounds_m: Array) -> None:
-    (right, down, forward) = bounds_m.T
-    plots["A"].set(xlim=right, ylim=forward)
-    plots["B"].set(xlim=forward, ylim=(-down[1], -down[0]))
-    for plot in plots.values():
-        plot.set_aspect("equal", adjustable="box")

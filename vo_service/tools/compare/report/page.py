@@ -4,7 +4,6 @@ import base64
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from urllib.parse import quote
 
 from vo_service.tools.compare.report.metadata import ReportMetadata
 from vo_service.tools.compare.report.metrics import GLOBAL_ERROR
@@ -51,11 +50,6 @@ class RenderedFigure:
     path: str
     caption: str
     svg: bytes
-
-    @property
-    def link(self) -> str:
-        """The path as the beginning of a URL."""
-        return quote(self.path)
 
     @property
     def data_url(self) -> str:

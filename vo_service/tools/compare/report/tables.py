@@ -5,7 +5,7 @@ import io
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple, TextIO
+from typing import NamedTuple, TextIO
 
 from vo_service.terminal import make_console
 from vo_service.tools.compare.recordings import ALL_FRAMES, BenchmarkRecording
@@ -23,9 +23,6 @@ from vo_service.tools.compare.report.metrics import (
     all_metrics,
 )
 from vo_service.tools.compare.results import RunEvaluation, SequenceResults
-
-if TYPE_CHECKING:
-    from rich.text import Text
 
 # A table that is wider than the terminal is not cut.
 MAX_WIDTH = 1000
@@ -68,6 +65,7 @@ class Table:
     def write(self, stream: TextIO) -> None:
         """Write aligned columns below the title; on a terminal, the best cells are bold."""
         from rich import table  # slow to import
+        from rich.text import Text
 
         columns = [
             table.Column(heading, justify="right" if number else "left", no_wrap=True)
@@ -77,16 +75,10 @@ class Table:
             *columns, box=None, pad_edge=False, padding=(0, 3, 0, 0), header_style="bold"
         )
         for row in self.rows:
-            grid.add_row(*(_format_cell(cell) for cell in row))
+            grid.add_row(*(Text(cell.text, "bold green" if cell.is_best else "") for cell in row))
         console = make_console(stream, MAX_WIDTH)
         console.print(self.title, style="bold")
         console.print(grid)
-
-
-def _format_cell(cell: TableCell) -> "Text":
-    from rich.text import Text
-
-    return Text(cell.text, style="bold green" if cell.is_best else "")
 
 
 def number_cell(value: float | None, digits: int, display_factor: float = 1.0) -> TableCell:

@@ -1,6 +1,5 @@
 """Pictures of a mesh: rendering by rasterization, and views as PNG."""
 
-import io
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +9,7 @@ from drivers.camera import PinholeCamera
 from drivers.core.geometry import Array, inverse, rigid_transform, transform_points
 from drivers.core.jit import kernel
 from drivers.recording.image_encoding import ColorFormat, encode_image
+from vo_service.figures import new_figure, render_figure
 from vo_service.reconstruction.mesh import Mesh
 
 RgbImage = NDArray[np.uint8]
@@ -158,17 +158,12 @@ def render_top_view(mesh: Mesh, T_level_world: Array, trajectory_m: Array, title
     Returns:
         PNG bytes.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     path = transform_points(T_level_world, trajectory_m)
     level_m = transform_points(T_level_world, mesh.vertices_m.astype(np.float64))
     view = _fit_orthographic_view(np.vstack([level_m, path]), T_level_world)
     left, top = view.corner_m[0], -view.corner_m[1]
     right, bottom = left + view.width * view.pixel_m, top - view.height * view.pixel_m
-    size_in = np.array([view.width, view.height]) / DOTS_PER_INCH + [1.2, 1.2]
-    figure = Figure(figsize=(size_in[0], size_in[1]), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(view.width / DOTS_PER_INCH + 1.2, view.height / DOTS_PER_INCH + 1.2)
     plot = figure.subplots()
     plot.imshow(render_orthographic(mesh, view), extent=(left, right, bottom, top))
     plot.plot(path[:, 0], path[:, 1], color="tab:orange", linewidth=1.5, label="trajectory")
@@ -176,9 +171,7 @@ def render_top_view(mesh: Mesh, T_level_world: Array, trajectory_m: Array, title
     plot.set(title=title, xlabel="right (m)", ylabel="forward (m)")
     plot.set_aspect("equal")
     plot.legend(loc="upper right")
-    image = io.BytesIO()
-    figure.savefig(image, format="png", dpi=DOTS_PER_INCH)
-    return image.getvalue()
+    return render_figure(figure, "png", dpi=DOTS_PER_INCH)
 
 
 def _fit_orthographic_view(level_m: Array, T_level_world: Array) -> OrthographicView:
@@ -206,16 +199,9 @@ def render_overview(mesh: Mesh, T_level_world: Array) -> bytes:
     center_m = (rotated_m.min(axis=0) + rotated_m.max(axis=0)) / 2
     centered_m = rotated_m - center_m
     # The least distance at which the whole map is in view.
-    half_extent = (
-        OVERVIEW_FILL
-        / 2
-        * np.array(
-            [
-                OVERVIEW_CAMERA.width / OVERVIEW_CAMERA.fx,
-                OVERVIEW_CAMERA.height / OVERVIEW_CAMERA.fy,
-            ]
-        )
-    )
+    camera = OVERVIEW_CAMERA
+    tangents = np.array([camera.width / camera.fx, camera.height / camera.fy]) / 2
+    half_extent = OVERVIEW_FILL * tangents
     distance_m = float(np.max(np.abs(centered_m[:, :2]) / half_extent - centered_m[:, 2:]))
     T_view_level = rigid_transform(R, np.array([0.0, 0.0, distance_m]) - center_m)
     return _encode_png(render_perspective(mesh, OVERVIEW_CAMERA, T_view_level @ T_level_world))

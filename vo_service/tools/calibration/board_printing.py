@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from drivers.core.geometry import Array
+from vo_service.figures import new_figure, write_figure
 from vo_service.tools.calibration.board import Board
-from vo_service.tools.figures import new_figure, write_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

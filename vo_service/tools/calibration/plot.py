@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from drivers.core.geometry import Array
+from vo_service.figures import new_figure, write_figure
 from vo_service.tools.calibration.calibration_result import CalibrationResult
 from vo_service.tools.calibration.color_camera import ColorCalibrationResult
 from vo_service.tools.calibration.depth_camera import DepthCalibrationResult
@@ -18,7 +19,6 @@ from vo_service.tools.calibration.view_selection import (
     convex_outline,
     count_zone_corners,
 )
-from vo_service.tools.figures import new_figure, write_figure
 
 if TYPE_CHECKING:  # rarely used, and slow to import
     from matplotlib.axes import Axes

@@ -12,8 +12,8 @@ from drivers.core.geometry import (
     inverse,
     transform_points,
 )
+from vo_service.figures import new_figure, write_figure
 from vo_service.tools.evaluation.metrics import associate, best_alignment, position_errors_m
-from vo_service.tools.figures import new_figure, write_figure
 
 if TYPE_CHECKING:  # rarely used, and slow to import
     from matplotlib.axes import Axes

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from drivers.core.geometry import Array, Trajectory, inverse, nearest_indices
+from vo_service.figures import new_figure, render_figure
 from vo_service.tools.compare.results import SequenceResults
 from vo_service.tools.evaluation.metrics import ErrorSeries, error_series, first_pose_alignment
 from vo_service.tools.evaluation.plot import (
@@ -16,7 +17,6 @@ from vo_service.tools.evaluation.plot import (
     insert_nan_at_gaps,
     label_axes,
 )
-from vo_service.tools.figures import new_figure, render_figure
 
 if TYPE_CHECKING:  # rarely used, and slow to import
     from matplotlib.artist import Artist

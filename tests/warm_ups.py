@@ -10,7 +10,7 @@ _CALLERS = {
     "vo_service.slam.mapper.loop_closure_worker": "warm_up_loop_closure",
     "vo_service.slam.synchronous_loop_closure": "warm_up_loop_closure",
 }
-WarmUp = Callable[..., float]
+WarmUp = Callable[..., None]
 
 
 def skip_repeated_warm_ups(patch: pytest.MonkeyPatch) -> None:
@@ -23,12 +23,12 @@ def skip_repeated_warm_ups(patch: pytest.MonkeyPatch) -> None:
 
 
 def _run_once(warm_up: WarmUp) -> WarmUp:
-    taken_s: dict[tuple[object, ...], float] = {}
+    done: set[tuple[object, ...]] = set()
 
-    def run(*arguments: object) -> float:
+    def run(*arguments: object) -> None:
         *what, _report_stage = arguments
-        if tuple(what) not in taken_s:
-            taken_s[tuple(what)] = warm_up(*arguments)
-        return taken_s[tuple(what)]
+        if tuple(what) not in done:
+            warm_up(*arguments)
+            done.add(tuple(what))
 
     return run

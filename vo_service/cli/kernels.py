@@ -5,7 +5,6 @@ OpenCV is imported with the kernels, because most commands need neither.
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TypeVar
 
 from drivers.core import UserFacingError
 from drivers.core.folders import cache_folder
@@ -17,8 +16,6 @@ from vo_service.odometry.registry import METHODS, OWN_METHODS
 from vo_service.odometry.warm_up import warm_up
 from vo_service.signals import StopSignal
 from vo_service.terminal import Terminal
-
-T = TypeVar("T")
 
 
 def prepare_kernels(config: Config, terminal: Terminal, stop: StopSignal) -> None:
@@ -59,8 +56,10 @@ def first_parts(config: Config, source: str) -> list[str]:
 
 
 def run_warm_up(
-    warm_up_function: Callable[[Callable[[str], None]], T], terminal: Terminal, stop: StopSignal
-) -> T:
+    warm_up_function: Callable[[Callable[[str], None]], object],
+    terminal: Terminal,
+    stop: StopSignal,
+) -> None:
     """Run a warm-up function, with progress.
 
     Args:
@@ -84,11 +83,10 @@ def run_warm_up(
             busy.set_detail(detail)
 
         try:
-            result = warm_up_function(report)
+            warm_up_function(report)
         except OSError as error:
             raise UserFacingError(
                 f"{cache_folder()}: the compiled kernels cannot be written: {error.strerror}; free "
                 "some space, or set XDG_CACHE_HOME to another folder"
             ) from error
         stop.check()
-    return result

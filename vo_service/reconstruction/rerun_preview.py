@@ -3,7 +3,6 @@
 import rerun as rr
 import rerun.blueprint as rrb
 
-from vo_service.reconstruction.mesh import Mesh
 from vo_service.reconstruction.reconstructor import PreviewFrame, PreviewMap
 
 WORLD, SURFACE, TRAJECTORY, CAMERA = "world", "world/surface", "world/path", "world/camera"
@@ -45,17 +44,12 @@ class ReconstructionScene:
         stream.log(CAMERA, pinhole)
         if frame.preview_map is not self._logged_map:
             self._logged_map = frame.preview_map
-            stream.log(
-                TRAJECTORY,
-                rr.LineStrips3D([frame.preview_map.trajectory_m], colors=TRAJECTORY_COLOR),
+            mesh, trajectory_m = frame.preview_map.mesh, frame.preview_map.trajectory_m
+            stream.log(TRAJECTORY, rr.LineStrips3D([trajectory_m], colors=TRAJECTORY_COLOR))
+            surface = rr.Mesh3D(
+                vertex_positions=mesh.vertices_m,
+                vertex_normals=mesh.normals,
+                vertex_colors=mesh.colors_rgb,
+                triangle_indices=mesh.triangles,
             )
-            stream.log(SURFACE, _rerun_mesh(frame.preview_map.mesh))
-
-
-def _rerun_mesh(mesh: Mesh) -> rr.Mesh3D:
-    return rr.Mesh3D(
-        vertex_positions=mesh.vertices_m,
-        vertex_normals=mesh.normals,
-        vertex_colors=mesh.colors_rgb,
-        triangle_indices=mesh.triangles,
-    )
+            stream.log(SURFACE, surface)

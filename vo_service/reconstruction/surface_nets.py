@@ -55,16 +55,10 @@ def extract_surface(blocks: VoxelBlockGrid, voxel_m: float, min_weight: float) -
     vertices_m, normals, colors_rgb = _compute_vertices(
         coordinates, blocks.hash_table, distance_m, color, cells, count, voxel_m
     )
-    triangles = np.empty(
-        (_emit_triangles(coordinates, blocks.hash_table, distance_m, cells, _no_triangles()), 3),
-        np.int32,
-    )
-    _emit_triangles(coordinates, blocks.hash_table, distance_m, cells, triangles)
+    arrays = coordinates, blocks.hash_table, distance_m, cells
+    triangles = np.empty((_emit_triangles(*arrays, np.empty((0, 3), np.int32)), 3), np.int32)
+    _emit_triangles(*arrays, triangles)
     return Mesh(vertices_m, normals, colors_rgb, triangles)
-
-
-def _no_triangles() -> NDArray[np.int32]:
-    return np.empty((0, 3), np.int32)
 
 
 @kernel

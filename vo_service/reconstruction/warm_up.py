@@ -1,6 +1,5 @@
 """Compilation of the reconstruction kernels. Heavy imports happen in the function."""
 
-import time
 from collections.abc import Callable
 
 import numpy as np
@@ -11,20 +10,15 @@ from vo_service.kernels.compilation import ensure_compiled
 CAMERA = PinholeCamera(64, 48, 52.0, 52.0, 31.5, 23.5)
 
 
-def warm_up_reconstruction(report_stage: Callable[[str], None]) -> float:
+def warm_up_reconstruction(report_stage: Callable[[str], None]) -> None:
     """Compile the kernels, or load them from the cache, by mapping a synthetic wall.
 
     Args:
         report_stage: Called with the name of each stage as it starts, and with the progress of
             compilation.
-
-    Returns:
-        Duration in seconds.
     """
-    begin_s = time.monotonic()
     ensure_compiled(["reconstruction"], report_stage)
     reconstruct_wall(report_stage)
-    return time.monotonic() - begin_s
 
 
 def reconstruct_wall(report_stage: Callable[[str], None]) -> None:

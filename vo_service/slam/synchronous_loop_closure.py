@@ -1,6 +1,5 @@
 """Loop closure: its parts put together, run on the thread of the caller, and its warm-up."""
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -124,20 +123,15 @@ def create_loop_closer_from_map(contents: MapContents, settings: MapConfig) -> L
     return LoopCloser(PlaceRecognizer(), database, graph, contents.next_number)
 
 
-def warm_up_loop_closure(report_stage: Callable[[str], None]) -> float:
+def warm_up_loop_closure(report_stage: Callable[[str], None]) -> None:
     """Compile the kernels of loop closure, or load them, by running it on generated frames.
 
     Args:
         report_stage: Called with the name of the stage, and with the progress of compilation.
-
-    Returns:
-        The elapsed seconds.
     """
-    start_s = time.monotonic()
     ensure_compiled(["loop closure"], report_stage)
     report_stage("place recognition")
     run_warm_up_frames(StationaryOdometry)
-    return time.monotonic() - start_s
 
 
 class StationaryOdometry:

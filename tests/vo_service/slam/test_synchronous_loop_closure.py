@@ -176,7 +176,7 @@ def kernels() -> dict[str, list[Any]]:
 
 def test_its_only_stage_is_reported_and_a_loop_closure_compiles_nothing() -> None:
     sample_edges: list[str] = []
-    assert warm_up_loop_closure(sample_edges.append) > 0
+    warm_up_loop_closure(sample_edges.append)
     assert sample_edges == ["place recognition"]
     before = kernels()
     assert sum(map(bool, before.values())) > 5

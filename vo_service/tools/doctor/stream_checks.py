@@ -1,6 +1,7 @@
 """Checks of the frames: rate, losses, skew, timing, the device's clock and gravity."""
 
 import math
+from collections.abc import Sequence
 from statistics import median
 
 import numpy as np
@@ -39,12 +40,11 @@ CAMERA_FILE_PREFIX = "camera file "
 def check_first_frames(context: CheckContext) -> Finding:
     """Check that frames arrive. Opens the camera and reads frames for the later checks, too."""
     stream = context.stream
-    if stream.first_frame_s is None or stream.size is None:
+    if stream.first_frame_s is None:
         return _no_frame_finding(stream)
-    width, height = stream.size
-    source = stream.intrinsics_source
+    camera, source = stream.frames[0].camera, stream.intrinsics_source
     return passed(
-        f"color and depth, {width}x{height}, after {stream.first_frame_s:.1f} s"
+        f"color and depth, {camera.width}x{camera.height}, after {stream.first_frame_s:.1f} s"
         + (f"; intrinsics: {source}" if source else ""),
         after_s=round(stream.first_frame_s, 3),
         intrinsics=source,
@@ -80,7 +80,7 @@ def check_plausibility(context: CheckContext) -> Finding:
 def check_frame_rate(context: CheckContext) -> Finding:
     """Check that frames arrive to the end; those of a sensor at its rate."""
     stream = context.stream
-    samples = stream.samples
+    samples = stream.frames
     facts = {"frames": len(samples), "dropped": stream.counters.dropped}
     if stream.error:
         text, advice = _split_error(stream.error)
@@ -102,7 +102,7 @@ def check_frame_rate(context: CheckContext) -> Finding:
 
 def check_lost_packets(context: CheckContext) -> Finding:
     """Check that few packets are lost; a frame with lost packets is discarded."""
-    counters, frames = context.stream.counters, len(context.stream.samples)
+    counters, frames = context.stream.counters, len(context.stream.frames)
     facts = {"lost_packets": counters.lost_packets, "skipped_frames": counters.skipped}
     skipped_fraction = counters.skipped / (counters.skipped + frames)
     is_excessive = skipped_fraction > MAX_LOSS_FRACTION
@@ -121,7 +121,7 @@ def check_lost_packets(context: CheckContext) -> Finding:
 
 def check_skew(context: CheckContext) -> Finding:
     """Check the time between color and depth, whose shutters are not synchronized."""
-    skews_s = [abs(sample.skew_s) for sample in context.stream.samples]
+    skews_s = [abs(sample.skew_s) for sample in context.stream.frames]
     typical_s, largest_s = median(skews_s), max(skews_s)
     facts = {"median_ms": round(typical_s * 1e3, 3), "largest_ms": round(largest_s * 1e3, 3)}
     text = f"depth and color {typical_s * 1e3:.1f} ms apart, at most {largest_s * 1e3:.1f} ms"
@@ -136,7 +136,7 @@ def check_skew(context: CheckContext) -> Finding:
 
 def check_timing(context: CheckContext) -> Finding:
     """Check what the camera file tells of the sensor's timing against what services learned."""
-    sample = context.stream.samples[-1]
+    sample = context.stream.frames[-1]
     told = timing_by_prior(sample.readout_s, 0.0, sample.timing_prior)
     source = TimingSource.CAMERA_FILE
     if sample.timing_prior is not None:
@@ -169,11 +169,12 @@ def check_focal_length(context: CheckContext) -> Finding:
     That brightness and depth disagree on it is information only: it happens with real sensors, and
     its cause is not known.
     """
-    sample, source = context.stream.samples[-1], context.stream.intrinsics_source
-    text = f"{sample.fx:.1f} px" + (f" ({source})" if source else "")
+    sample, source = context.stream.frames[-1], context.stream.intrinsics_source
+    fx = sample.camera.fx
+    text = f"{fx:.1f} px" + (f" ({source})" if source else "")
     sensor = context.find_learned().get(sample.serial) if sample.serial else None
     if sensor is None or sensor.focal_length is None:
-        return passed(f"{text}; nothing learned of this sensor yet", fx=sample.fx)
+        return passed(f"{text}; nothing learned of this sensor yet", fx=fx)
     learned = sensor.focal_length
     learned_px, sigma_px = learned.fx * learned.scale, learned.fx * learned.prior_sigma
     text += (
@@ -181,12 +182,12 @@ def check_focal_length(context: CheckContext) -> Finding:
         f"by depth {learned.disagreement:+.1%} against brightness"
     )
     facts = {
-        "fx": sample.fx,
+        "fx": fx,
         "learned_fx": round(learned_px, 2),
         "learned_sigma": round(sigma_px, 2),
         "disagreement": round(learned.disagreement, 4),
     }
-    is_contradicted = abs(learned_px - sample.fx) > CONTRADICTION_SIGMAS * sigma_px
+    is_contradicted = abs(learned_px - fx) > CONTRADICTION_SIGMAS * sigma_px
     if not is_contradicted or not source.startswith(CAMERA_FILE_PREFIX):
         return passed(text, **facts)
     file = source.removeprefix(CAMERA_FILE_PREFIX)
@@ -200,7 +201,7 @@ def check_focal_length(context: CheckContext) -> Finding:
 
 def check_clock_rate(context: CheckContext) -> Finding:
     """Check the rate of the device's stamps against this computer's clock."""
-    samples = context.stream.samples
+    samples = context.stream.frames
     if len(samples) < MIN_FRAMES_FOR_RATE:
         return unknown(f"{len(samples)} frames are too few to measure a rate")
     arrivals_s = np.array([sample.receive_time_s for sample in samples])
@@ -220,7 +221,7 @@ def check_clock_rate(context: CheckContext) -> Finding:
 
 def check_gravity(context: CheckContext) -> Finding:
     """Check the accelerometer, which a Kinect has."""
-    vector = context.stream.samples[-1].gravity_m_s2
+    vector = context.stream.frames[-1].gravity_m_s2
     if vector is None and context.requested.kind is CameraKind.KINECT:
         return warned(
             "no reading: odom starts level with the camera instead",
@@ -228,13 +229,7 @@ def check_gravity(context: CheckContext) -> Finding:
         )
     if vector is None:
         return unknown("not known: this camera has no accelerometer")
-    right, down, forward = vector
-    length = math.hypot(*vector)
-    tilts = [
-        *_describe_tilt(forward, down, ("looks {}° down", "looks {}° up")),
-        *_describe_tilt(right, down, ("is rolled {}° to the right", "is rolled {}° to the left")),
-    ]
-    text = f"{length:.2f} m/s²; the camera {' and '.join(tilts) or 'is level'}"
+    text = f"{math.hypot(*vector):.2f} m/s²; the camera {_describe_tilt(vector)}"
     facts = {"gravity_m_s2": list(vector)}
     if not is_gravity(vector):
         return warned(text, "hold the sensor still and run doctor again", **facts)
@@ -243,30 +238,32 @@ def check_gravity(context: CheckContext) -> Finding:
 
 def check_floor(context: CheckContext) -> Finding:
     """Measure the mount of the camera by the floor in view: its height and its tilt."""
-    floors = [each.floor for each in context.stream.samples if each.floor is not None]
+    floors = context.stream.floors
     if not floors:
         return unknown(
             "not in view; for the mount of a robot's camera, show it two meters of floor"
         )
     height_m = median(floor.height_m for floor in floors)
     up = np.median([floor.up for floor in floors], axis=0)
-    right, down, forward = (-up / np.linalg.norm(up)).tolist()
-    tilts = [
-        *_describe_tilt(forward, down, ("looks {}° down", "looks {}° up")),
-        *_describe_tilt(right, down, ("is rolled {}° to the right", "is rolled {}° to the left")),
-    ]
     T_base_camera = align_to_up(R_BODY_OPTICAL @ up) @ T_BODY_CAMERA
     quaternion_xyzw = quaternion_from_rotation(T_base_camera[:3, :3]).round(4).tolist()
     return passed(
-        f"{height_m:.2f} m below the camera, which {' and '.join(tilts) or 'is level'}; in "
+        f"{height_m:.2f} m below the camera, which {_describe_tilt((-up).tolist())}; in "
         f"T_base_camera: quaternion_xyzw = {quaternion_xyzw}",
         height_m=round(height_m, 3),
         quaternion_xyzw=quaternion_xyzw,
     )
 
 
-def _describe_tilt(sideways: float, down: float, templates: tuple[str, str]) -> list[str]:
-    """Describe an angle by one of two templates; nothing for less than half a degree."""
-    angle_deg = round(math.degrees(math.atan2(sideways, down)))
-    positive, negative = templates
-    return [(positive if angle_deg > 0 else negative).format(abs(angle_deg))] if angle_deg else []
+def _describe_tilt(down: Sequence[float]) -> str:
+    """Describe the tilt of a camera by the downward direction in its axes, in whole degrees."""
+    to_right, to_bottom, forward = down
+    pitch_deg = round(math.degrees(math.atan2(forward, to_bottom)))
+    roll_deg = round(math.degrees(math.atan2(to_right, to_bottom)))
+    tilts = []
+    if pitch_deg:
+        tilts.append(f"looks {abs(pitch_deg)}° {'down' if pitch_deg > 0 else 'up'}")
+    if roll_deg:
+        side = "right" if roll_deg > 0 else "left"
+        tilts.append(f"is rolled {abs(roll_deg)}° to the {side}")
+    return " and ".join(tilts) or "is level"

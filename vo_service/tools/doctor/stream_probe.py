@@ -8,7 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar, cast
 
 import numpy as np
@@ -19,7 +19,7 @@ from drivers.camera import (
     FrameTimeout,
     RgbdCamera,
     RgbdFrame,
-    TimingPrior,
+    new_images,
 )
 from drivers.core import InputError, UserFacingError
 from drivers.plausibility import PlausibilityCheck
@@ -38,33 +38,12 @@ MAX_FLOOR_TILT_RAD = np.radians(5.0)
 
 
 @dataclass(frozen=True)
-class FrameSample:
-    """Measurements of one frame; the fields are those of `RgbdFrame` and its camera.
-
-    Attributes:
-        floor: The floor in view; looked for in every `FLOOR_STRIDE`-th frame.
-    """
-
-    seq: int
-    stamp_s: float
-    receive_time_s: float
-    device_stamp_s: float | None
-    skew_s: float
-    gravity_m_s2: tuple[float, float, float] | None
-    readout_s: float
-    timing_prior: TimingPrior | None
-    serial: str
-    fx: float
-    floor: FloorPlane | None = None
-
-
-@dataclass(frozen=True)
 class StreamSample:
     """Frames and errors of a camera.
 
     Attributes:
-        samples: One per frame.
-        size: Columns and rows of the images; None without a frame.
+        frames: The frames, without their images.
+        floors: The floor, where it is in view, of every `FLOOR_STRIDE`-th frame.
         first_frame_s: Time from `open` to the first frame; None without a frame.
         counters: The camera's counters at the end.
         intrinsics_source: Where the intrinsics come from.
@@ -72,8 +51,8 @@ class StreamSample:
         error: Why no frame came, or why frames stopped; "" if they came to the end.
     """
 
-    samples: tuple[FrameSample, ...] = ()
-    size: tuple[int, int] | None = None
+    frames: tuple[RgbdFrame, ...] = ()
+    floors: tuple[FloorPlane, ...] = ()
     first_frame_s: float | None = None
     counters: CameraCounters = CameraCounters()  # noqa: RUF009 (frozen)
     intrinsics_source: str = ""
@@ -100,15 +79,18 @@ def probe_stream(
     Raises:
         InputError: The user's input is invalid.
     """
-    samples: list[FrameSample] = []
-    size, error_text = None, ""
+    frames: list[RgbdFrame] = []
+    floors: list[FloorPlane] = []
+    no_color, no_depth = new_images(0, 0)
+    error_text = ""
     plausibility = PlausibilityCheck(camera)
     begin_s = time.monotonic()
     try:
         camera.open()
         for frame in _read_frames(camera, seconds):
-            samples.append(_make_sample(frame))
-            size = (frame.camera.width, frame.camera.height)
+            frames.append(replace(frame, color_bgr=no_color, depth_raw=no_depth))
+            if frame.seq % FLOOR_STRIDE == 0 and (floor := find_floor(frame)):
+                floors.append(floor)
             plausibility.add(frame)
             on_frame(frame)
     except (InputError, KeyboardInterrupt):
@@ -119,9 +101,9 @@ def probe_stream(
         counters, intrinsics_source = camera.counters, camera.intrinsics_source
         camera.close()
     return StreamSample(
-        samples=tuple(samples),
-        size=size,
-        first_frame_s=samples[0].receive_time_s - begin_s if samples else None,
+        frames=tuple(frames),
+        floors=tuple(floors),
+        first_frame_s=frames[0].receive_time_s - begin_s if frames else None,
         counters=counters,
         intrinsics_source=intrinsics_source,
         implausible=plausibility.warning,
@@ -185,22 +167,6 @@ def find_floor(frame: RgbdFrame) -> FloorPlane | None:
     detector = FloorDetector(frame.camera)
     found = [detector.find(frame, up, MAX_FLOOR_TILT_RAD) for up in directions]
     return max(filter(None, found), key=lambda floor: floor.readings, default=None)
-
-
-def _make_sample(frame: RgbdFrame) -> FrameSample:
-    return FrameSample(
-        seq=frame.seq,
-        stamp_s=frame.stamp_s,
-        receive_time_s=frame.receive_time_s,
-        device_stamp_s=frame.device_stamp_s,
-        skew_s=frame.skew_s,
-        gravity_m_s2=frame.gravity_m_s2,
-        readout_s=frame.readout_s,
-        timing_prior=frame.timing_prior,
-        serial=frame.serial,
-        fx=frame.camera.fx,
-        floor=None if frame.seq % FLOOR_STRIDE else find_floor(frame),
-    )
 
 
 T = TypeVar("T")

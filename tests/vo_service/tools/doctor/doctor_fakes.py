@@ -5,11 +5,11 @@ from pathlib import Path
 from typing import Any
 
 from drivers.calibration import KINECT_READOUT_S, KINECT_TIMING_PRIOR
-from drivers.camera import CameraCounters
+from drivers.camera import CameraCounters, PinholeCamera, RgbdFrame, new_images
 from drivers.kinect_usb.usb_ids import SensorModel
 from vo_service.tools.doctor.camera_checks import requested_camera
 from vo_service.tools.doctor.check import CheckContext
-from vo_service.tools.doctor.stream_probe import FrameSample, StreamSample
+from vo_service.tools.doctor.stream_probe import StreamSample
 from vo_service.tools.doctor.usb_probe import UsbPart, UsbSensor
 
 PERIOD_S = 1 / 30
@@ -29,7 +29,10 @@ def make_sensor(
     return UsbSensor(model=model, **(defaults | facts))
 
 
-def make_samples(count: int = 60, **changes: Callable[[int], Any]) -> tuple[FrameSample, ...]:
+CAMERA = PinholeCamera(640, 480, 525.0, 525.0, 319.5, 239.5)
+
+
+def make_samples(count: int = 60, **changes: Callable[[int], Any]) -> tuple[RgbdFrame, ...]:
     """Make frames of a good camera; ``skew_s=lambda k: ...`` changes one field of frame k."""
     defaults: dict[str, Callable[[int], Any]] = {
         "seq": lambda k: k,
@@ -41,22 +44,28 @@ def make_samples(count: int = 60, **changes: Callable[[int], Any]) -> tuple[Fram
         "readout_s": lambda k: KINECT_READOUT_S,
         "timing_prior": lambda k: KINECT_TIMING_PRIOR,
         "serial": lambda k: "A00123456789012A",
-        "fx": lambda k: 525.0,
+        "camera": lambda k: CAMERA,
     }
     fields = defaults | changes
+    no_color, no_depth = new_images(0, 0)
     return tuple(
-        FrameSample(**{name: field(k) for name, field in fields.items()}) for k in range(count)
+        RgbdFrame(
+            color_bgr=no_color,
+            depth_raw=no_depth,
+            depth_factor=1000.0,
+            **{name: field(k) for name, field in fields.items()},
+        )
+        for k in range(count)
     )
 
 
 def make_capture(
-    frames: Sequence[FrameSample] | None = None, error: str = "", **counters: int
+    frames: Sequence[RgbdFrame] | None = None, error: str = "", **counters: int
 ) -> StreamSample:
     """Make the stream sample of a good camera, except for the arguments."""
     samples = make_samples() if frames is None else tuple(frames)
     return StreamSample(
-        samples=samples,
-        size=(640, 480) if samples else None,
+        frames=samples,
         first_frame_s=1.2 if samples else None,
         counters=CameraCounters(delivered=len(samples), **counters),
         intrinsics_source="factory",

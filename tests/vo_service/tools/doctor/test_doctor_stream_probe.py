@@ -83,9 +83,8 @@ def frame() -> RgbdFrame:
 def test_frames_are_measured_and_passed_on(frame: RgbdFrame) -> None:
     received: list[RgbdFrame] = []
     sample = probe_stream(SampledCamera(frame, frame, EndOfStream()), 5.0, received.append)
-    assert (len(sample.samples), received) == (2, [frame, frame])
-    assert sample.size == (frame.camera.width, frame.camera.height)
-    assert sample.samples[0].stamp_s == frame.stamp_s
+    assert (len(sample.frames), received) == (2, [frame, frame])
+    assert sample.frames[0].stamp_s == frame.stamp_s
     assert (sample.error, sample.counters.lost_packets) == ("", 7)
 
 
@@ -99,7 +98,7 @@ def test_reading_ends_when_the_time_is_up(frame: RgbdFrame) -> None:
     sample = probe_stream(
         SampledCamera(*[frame] * 3, FrameTimeout(), *[frame] * 1000), 1e-9, lambda _: None
     )
-    assert (len(sample.samples), sample.error) == (1, "")
+    assert (len(sample.frames), sample.error) == (1, "")
 
 
 def test_a_camera_that_prepares_has_the_time_to_start(
@@ -110,15 +109,15 @@ def test_a_camera_that_prepares_has_the_time_to_start(
     script = FrameTimeout(), FrameTimeout(), frame, EndOfStream()
     camera = SampledCamera(*script, reason="preparing its room", state=CameraState.STARTING)
     sample = probe_stream(camera, 5.0, lambda _: None)
-    assert (len(sample.samples), sample.error) == (1, "")
+    assert (len(sample.frames), sample.error) == (1, "")
 
 
 def test_the_error_of_opening_and_of_a_lost_camera_is_reported(frame: RgbdFrame) -> None:
     sample = probe_stream(UnopenableCamera(), 5.0, lambda _: None)
-    assert (sample.samples, sample.error) == ((), "in use; close the other program")
+    assert (sample.frames, sample.error) == ((), "in use; close the other program")
     camera = SampledCamera(frame, CameraLostError("unplugged; plug it in again"))
     sample = probe_stream(camera, 5.0, lambda _: None)
-    assert (len(sample.samples), sample.error) == (1, "unplugged; plug it in again")
+    assert (len(sample.frames), sample.error) == (1, "unplugged; plug it in again")
     assert not camera.is_open
 
 

@@ -5,9 +5,11 @@ from datetime import date
 from functools import partial
 from pathlib import Path
 
-from drivers.calibration import CAMERA_FILE_NAME, CameraCalibration
+from drivers.calibration import CAMERA_FILE_NAME, CameraCalibration, read_calibration
+from drivers.camera import PlaybackMode
 from drivers.core import InputError
-from drivers.registry import ONI_SUFFIX, SENSORS
+from drivers.playback.camera import RecordingCamera
+from drivers.registry import ONI_SUFFIX, SENSORS, open_camera
 from vo_service.cli.calibrate_request import CalibrationRequest
 from vo_service.cli.kernels import run_warm_up
 from vo_service.cli.recordings import open_requested
@@ -24,6 +26,9 @@ from vo_service.tools.calibration.timing import (
     told_timing,
 )
 
+# A live camera is observed no longer, s.
+CAPTURE_DURATION_S = 60.0
+
 
 def calibrate_timing(request: CalibrationRequest) -> int:
     """Measure the timing and save it.
@@ -32,7 +37,7 @@ def calibrate_timing(request: CalibrationRequest) -> int:
         UserFacingError: If an option or the recording is not valid, if the result is less certain
             than what is known, or if the file cannot be written.
     """
-    from vo_service.tools.calibration.timing_measurement import measure_folder, measure_live
+    from vo_service.tools.calibration.timing_measurement import TimingMeasurement
 
     source = request.folder_or_camera(
         "name a FOLDER that was recorded, or a camera to shake: --camera"
@@ -45,13 +50,31 @@ def calibrate_timing(request: CalibrationRequest) -> int:
     with stop_on_signals() as stop:
         run_warm_up(partial(warm_up, "direct"), terminal, stop)
         if isinstance(source, Path):
-            measured = measure_folder(
-                source, request.camera_file, request.topics, terminal, stop.event
-            )
+            with RecordingCamera(source, request.camera_file, topics=request.topics) as recorded:
+                measured = TimingMeasurement(recorded.recording.calibration)
+                for _ in measured.process_frames(recorded, stop.event):
+                    terminal.progress("frame", measured.frame_count, recorded.frame_count)
             stop.check()
         else:
+            if source.partition(":")[0] == "synthetic":
+                raise InputError(
+                    "--camera synthetic: its timing is known; record it and name the folder"
+                )
             file = request.camera_file or config.camera.file or output
-            measured = measure_live(source, file, config.sensor, terminal, stop.event)
+            measured = TimingMeasurement(read_calibration(file))
+            mode = PlaybackMode.LOCKSTEP
+            with open_camera(
+                source, camera_file=file, playback_mode=mode, sensor=config.sensor
+            ) as camera:
+                for elapsed_s in measured.process_frames(camera, stop.event, CAPTURE_DURATION_S):
+                    timing = measured.timing
+                    terminal.show(
+                        f"shake the camera: {elapsed_s:.0f} of {CAPTURE_DURATION_S:.0f} s, "
+                        f"readout {timing['readout_s']}, depth offset {timing['depth_offset_s']} "
+                        "(Ctrl-C: enough)"
+                    )
+                    if measured.is_sufficient:
+                        break
     terminal.clear()
     is_kinect = _is_kinect(request.camera, measured.calibration)
     told = told_timing(read_camera(output, measured.calibration), is_kinect)

@@ -124,7 +124,7 @@ def test_a_live_camera_is_observed_for_a_minute_at_most(
     recording: Path, monkeypatch: pytest.MonkeyPatch, kinect_vo: KinectVo
 ) -> None:
     # 22 of the frames are seen within this time.
-    monkeypatch.setattr("vo_service.tools.calibration.timing_measurement.CAPTURE_DURATION_S", 0.71)
+    monkeypatch.setattr("vo_service.cli.calibrate_timing.CAPTURE_DURATION_S", 0.71)
     write_camera(recording)
     camera = ("--camera", f"tum:{recording}", "--camera-file", "sensor.toml")
     result = json.loads(kinect_vo("calibrate", "--timing", *camera, "--json").out)

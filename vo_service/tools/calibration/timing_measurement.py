@@ -4,7 +4,6 @@ import math
 import threading
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -12,21 +11,14 @@ from drivers.calibration import (
     UNKNOWN_TIMING,
     UNKNOWN_TIMING_SIGMAS_S,
     CameraCalibration,
-    read_calibration,
 )
-from drivers.camera import PlaybackMode, RgbdCamera, RgbdFrame, SensorConfig
-from drivers.core import InputError
-from drivers.playback.camera import RecordingCamera
-from drivers.recording.recording import ImageTopics
-from drivers.registry import open_camera
+from drivers.camera import RgbdCamera, RgbdFrame
 from vo_service.odometry.direct.calibration_equations import TIMING
 from vo_service.odometry.direct.odometry import DirectOdometry
 from vo_service.odometry.direct.self_calibration import SelfCalibratingOdometry
-from vo_service.terminal import Terminal
 from vo_service.tools.calibration.collect_live import read_frames
 from vo_service.tools.calibration.timing import SensorTiming, make_timing
 
-CAPTURE_DURATION_S = 60.0
 # A live camera is observed no longer than until the readout and the depth offset are this certain.
 SUFFICIENT_SIGMAS_S = (0.0012, 0.0006)
 
@@ -86,54 +78,3 @@ class TimingMeasurement:
         """Whether further frames would hardly change the timing."""
         sigmas_s = [value.sigma_s for value in self.timing.values()]
         return all(np.less_equal(sigmas_s, SUFFICIENT_SIGMAS_S))
-
-
-def measure_folder(
-    folder: Path,
-    file: Path | None,
-    topics: ImageTopics | None,
-    terminal: Terminal,
-    stop: threading.Event,
-) -> TimingMeasurement:
-    """Measure the timing of a recording.
-
-    Args:
-        file: Its camera file; None: the one in the recording.
-        topics: As for `open_recording`.
-
-    Raises:
-        InputError: If it is not usable.
-    """
-    with RecordingCamera(folder, file, topics=topics) as camera:
-        measurement = TimingMeasurement(camera.recording.calibration)
-        for _ in measurement.process_frames(camera, stop):
-            terminal.progress("frame", measurement.frame_count, camera.frame_count)
-    return measurement
-
-
-def measure_live(
-    source: str, file: Path, sensor: SensorConfig, terminal: Terminal, stop: threading.Event
-) -> TimingMeasurement:
-    """Measure the timing of a live camera for a minute, until it is certain, or until `stop`.
-
-    Args:
-        source: The camera, as for --camera.
-
-    Raises:
-        CameraError: If that fails.
-    """
-    if source.partition(":")[0] == "synthetic":
-        raise InputError("--camera synthetic: its timing is known; record it and name the folder")
-    measurement = TimingMeasurement(read_calibration(file))
-    with open_camera(
-        source, camera_file=file, playback_mode=PlaybackMode.LOCKSTEP, sensor=sensor
-    ) as camera:
-        for elapsed_s in measurement.process_frames(camera, stop, CAPTURE_DURATION_S):
-            timing = measurement.timing
-            terminal.show(
-                f"shake the camera: {elapsed_s:.0f} of {CAPTURE_DURATION_S:.0f} s, readout "
-                f"{timing['readout_s']}, depth offset {timing['depth_offset_s']} (Ctrl-C: enough)"
-            )
-            if measurement.is_sufficient:
-                break
-    return measurement

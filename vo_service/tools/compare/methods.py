@@ -81,16 +81,12 @@ class ConfiguredMethodFactory:
     """Factory of one of our methods with the settings of a configuration."""
 
     odometry: OdometryConfig
+    uses_truth = False
 
     @property
     def settings(self) -> Mapping[str, object]:
         """The `[odometry]` table."""
         return asdict(self.odometry)
-
-    @property
-    def uses_truth(self) -> bool:
-        """False: only the frames are used."""
-        return False
 
     def prepare(self, on_progress: Callable[[str], None]) -> None:
         """Compile or load the kernels."""
@@ -105,15 +101,12 @@ class ConfiguredMethodFactory:
 class TrueScaleSfmFactory(ConfiguredMethodFactory):
     """Factory of the color-only method with its first scale from the ground truth."""
 
+    uses_truth = True  # the distance between its first two keyframes
+
     @property
     def settings(self) -> Mapping[str, object]:
         """The `[odometry]` table and the source of the scale."""
         return {**super().settings, "sfm_scale": SfmScale.GROUND_TRUTH}
-
-    @property
-    def uses_truth(self) -> bool:
-        """True: the distance between its first two keyframes is used."""
-        return True
 
     def make(self, stopwatch: StageTimer, recording: Recording) -> Odometry:
         """Make the odometry, with scale from the truth. Raises InputError without a truth."""

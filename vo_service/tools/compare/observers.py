@@ -35,16 +35,8 @@ class NullObserver:
     """Factory and observer that do nothing."""
 
     result = None
-
-    @property
-    def settings(self) -> Mapping[str, object]:
-        """No settings."""
-        return {}
-
-    @property
-    def config_tables(self) -> Mapping[str, Mapping[str, object]]:
-        """No tables."""
-        return {}
+    settings: Mapping[str, object] = {}
+    config_tables: Mapping[str, Mapping[str, object]] = {}
 
     def prepare(self, on_progress: Callable[[str], None]) -> None:
         """Do nothing."""

@@ -14,7 +14,7 @@ from vo_service.tools.compare.batch import BatchResult
 from vo_service.tools.compare.recordings import BenchmarkRecording
 from vo_service.tools.compare.run_cache import run_as_json
 from vo_service.tools.compare.run_outcome import CompletedRun, RunOutcome, RunState
-from vo_service.tools.evaluation.evaluation import Evaluation, evaluate
+from vo_service.tools.evaluation.evaluation import EVALUATION_KEYS, Evaluation, evaluate
 from vo_service.tools.evaluation.gaps import GapOutcome, classify_gap, gap_error, spans_gap
 from vo_service.tools.evaluation.metrics import (
     MatchedPoses,
@@ -28,7 +28,6 @@ from vo_service.tools.evaluation.metrics import (
 )
 from vo_service.tools.evaluation.run_summary import evaluate_if_possible
 
-EVALUATION_KEYS = tuple(Evaluation.__dataclass_fields__)
 # A method with a lower coverage may have poses of the easy frames only.
 MIN_RANKED_COVERAGE = 0.9
 

@@ -169,6 +169,7 @@ class OrbSlamFactory:
 
     feature_count: int
     vocabulary: VocabularyFile | None = None
+    uses_truth = False
 
     @property
     def settings(self) -> Mapping[str, object]:
@@ -179,11 +180,6 @@ class OrbSlamFactory:
             "feature_count": self.feature_count,
             "vocabulary": str(self.vocabulary or TRAINED_VOCABULARY),
         }
-
-    @property
-    def uses_truth(self) -> bool:
-        """False: only the frames are used."""
-        return False
 
     def prepare(self, on_progress: Callable[[str], None]) -> None:
         """Load the library. Raises InputError if a library that it needs is missing."""

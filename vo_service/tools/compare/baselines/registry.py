@@ -83,6 +83,7 @@ class BaselineFactory:
 
     name: str
     features: MethodConfig
+    uses_truth = False
 
     @property
     def settings(self) -> Mapping[str, object]:
@@ -93,11 +94,6 @@ class BaselineFactory:
             "package": f"{package.pip_names[0]} {package.version}".strip(),
             "feature_count": self.features.count,
         }
-
-    @property
-    def uses_truth(self) -> bool:
-        """False: only the frames are used."""
-        return False
 
     def prepare(self, on_progress: Callable[[str], None]) -> None:
         """Load its library and process warm-up frames."""

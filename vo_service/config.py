@@ -272,7 +272,8 @@ def diff_configs(running: Config, requested: Config) -> ConfigChanges:
     reloaded = tuple(key for key in keys if key in RELOADABLE_KEYS)
     config = running
     for key in reloaded:
-        config = _replace_key(config, requested, key)
+        table, _, name = key.partition(".")
+        config = replace_key(config, key, getattr(getattr(requested, table), name))
     pending = tuple(key for key in keys if key not in RELOADABLE_KEYS)
     return ConfigChanges(config, reloaded, pending)
 
@@ -332,9 +333,8 @@ def _changed_keys(one: Any, other: Any, prefix: str) -> Iterator[str]:
             yield key
 
 
-def _replace_key(config: Config, requested: Config, key: str) -> Config:
-    """Return `config` with the value of one key, ``table.key``, from `requested`."""
+def replace_key(config: Config, key: str, value: object) -> Config:
+    """Return a configuration with another value of one key, ``table.key``."""
     table, _, name = key.partition(".")
-    value = getattr(getattr(requested, table), name)
     changed: dict[str, Any] = {table: replace(getattr(config, table), **{name: value})}
     return replace(config, **changed)

@@ -201,7 +201,7 @@ def _render_table(kind: Any, path: str, brackets: str = "[{}]") -> str:
         elif dataclasses.is_dataclass(_item_type(key.kind)):
             inner += _render_table(_item_type(key.kind), below, "[[{}]]")
         else:
-            rows += _render_row(key, below)
+            rows += _render_row(key)
     return heading + TABLE_HEADER + rows + inner
 
 
@@ -214,7 +214,7 @@ def _table_description(kind: Any, path: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def _render_row(key: TypedField, path: str) -> str:
+def _render_row(key: TypedField) -> str:
     effect = "at once" if key.spec.is_reloadable else "next start"
     cells = (
         f"`{key.name}`",

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.playback.frame_reader import log_implausible
-from drivers.recording.recording import Recording
 from vo_service.cli.options import RECORDING_HELP, CameraFile, Topics
 from vo_service.cli.recordings import open_and_announce
 from vo_service.cli.request import CommandRequest, argument, option
@@ -48,20 +47,14 @@ def run(request: ConversionRequest) -> int:
     output_format = choose_format(request.output, request.format)
     recording = open_and_announce(request.folder, request.camera_file, request.topics)
     log_implausible(recording)
-    written = _convert(recording, request.output, output_format)
-    print(f"{written} frames in {request.output} ({output_format})")
-    return 0
-
-
-def _convert(recording: Recording, output: Path, output_format: OutputFormat) -> int:
-    """Convert until the end; a stop request raises KeyboardInterrupt and leaves nothing."""
     terminal = Terminal()
     with stop_on_signals() as stop:
 
         def progress(count: int) -> None:
-            stop.check()
+            stop.check()  # raises KeyboardInterrupt, and nothing is left
             terminal.progress("converting: frame", count, len(recording.frames.pairs))
 
-        written = convert(recording, output, output_format, progress)
+        written = convert(recording, request.output, output_format, progress)
     terminal.clear()
-    return written
+    print(f"{written} frames in {request.output} ({output_format})")
+    return 0

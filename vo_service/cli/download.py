@@ -15,14 +15,9 @@ from vo_service.terminal import Terminal
 from vo_service.tools.download.catalog import (
     BENCHMARK_URL,
     SEQUENCES,
-    BenchmarkSequence,
     find_sequence,
 )
-from vo_service.tools.download.sequence_download import (
-    DownloadRequest,
-    download_sequence,
-    sequence_folder,
-)
+from vo_service.tools.download.sequence_download import download_sequence
 
 EPILOG = f"""\
 examples:
@@ -91,29 +86,24 @@ def run(request: DownloadSequencesRequest) -> int:
         raise InputError("which sequence? `kinect-vo download --list` shows them all")
     if request.sha256 and len(wanted) > 1:
         raise InputError("--sha256 is of one archive: download the sequences one by one")
-    order = DownloadRequest(request.output, request.mirror, request.sha256 or "")
     terminal = Terminal()
     try:
         with raise_on_signals():
             for sequence in wanted:
-                _download_sequence(sequence, order, terminal)
+                folder = request.output / sequence.folder
+                if folder.exists():
+                    terminal.write_line(
+                        f"{sequence.name}: exists; to download it again, remove {folder}"
+                    )
+                else:
+                    download_sequence(sequence, folder, request.mirror, request.sha256, terminal)
+                terminal.clear()
+                print(folder, flush=True)
     except InterruptedBySignal as interruption:
         terminal.clear()
         print_message("interrupted; run the same command again to resume the download")
         return interruption.exit_code
     return 0
-
-
-def _download_sequence(
-    sequence: BenchmarkSequence, request: DownloadRequest, terminal: Terminal
-) -> None:
-    folder = sequence_folder(sequence, request)
-    if folder.exists():
-        terminal.write_line(f"{sequence.name}: exists; to download it again, remove {folder}")
-    else:
-        download_sequence(sequence, request, terminal)
-    terminal.clear()
-    print(folder, flush=True)
 
 
 def _format_sequence_table() -> str:

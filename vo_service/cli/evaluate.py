@@ -18,7 +18,7 @@ from vo_service.cli.options import Json, Topics, parse_finite, parse_seconds
 from vo_service.cli.recordings import open_and_announce
 from vo_service.cli.request import CommandRequest, argument, option
 from vo_service.terminal import announce
-from vo_service.tools.evaluation.evaluation import Evaluation, evaluate
+from vo_service.tools.evaluation.evaluation import evaluate
 from vo_service.tools.evaluation.plot import write_plot
 
 EPILOG = """\
@@ -86,7 +86,12 @@ def run(request: EvaluationRequest) -> int:
     if request.picture is not None:
         title = f"{request.trajectory.name}: ATE RMSE {1e3 * evaluation.ate_rmse_m:.2f} mm"
         write_plot(request.picture, shifted, truth, title, request.max_difference)
-    print(_as_json(evaluation, frames_s) if request.json else evaluation.as_table())
+    if request.json:
+        frames = {"frames": None if frames_s is None else len(frames_s)}
+        unknown = dict.fromkeys(REPLAY_ONLY_KEYS)
+        print(json.dumps(frames | unknown | evaluation.as_json()))
+    else:
+        print(evaluation.as_table())
     return 0
 
 
@@ -140,8 +145,3 @@ def read_listed_frame_stamps_s(folder: Path) -> Array | None:
     if not any(all((folder / name).is_file() for name in names) for names in lists):
         return None
     return np.array([pair.color.stamp_s for pair in read_frame_pairs(folder).pairs])
-
-
-def _as_json(evaluation: Evaluation, frames_s: Array | None) -> str:
-    frames = {"frames": None if frames_s is None else len(frames_s)}
-    return json.dumps(frames | dict.fromkeys(REPLAY_ONLY_KEYS) | evaluation.as_json())

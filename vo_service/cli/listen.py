@@ -12,6 +12,7 @@ from typing import Any
 
 import zenoh
 
+from drivers.core.geometry import Array
 from drivers.ros_messages.decoding import decode_odometry, decode_transform
 from drivers.ros_messages.navigation import OdometryMessage, TransformMessage
 from vo_service.cli.options import DEFAULT_PREFIX, ClientConfigFile, ClientPrefix, Connect
@@ -82,19 +83,9 @@ class JsonPosePrinter:
 
     def print_pose(self, message: OdometryMessage, attachment: dict[str, Any]) -> None:
         """Print the pose with the fields of the attachment."""
-        self._print(
-            kind="pose",
-            stamp_s=message.stamp_s,
-            frame_id=message.frame_id,
-            child_frame_id=message.child_frame_id,
-            position_m=message.position_m.tolist(),
-            quaternion_xyzw=message.quaternion_xyzw.tolist(),
-            **{
-                key: attachment[key]
-                for key in ("seq", "state", "epoch", "reason")
-                if key in attachment
-            },
-        )
+        names = ["seq", "state", "epoch", "reason"]
+        keys = [name for name in names if name in attachment]
+        self._print_pose("pose", message, message.position_m, attachment, keys)
 
     def print_status(self, content: dict[str, Any]) -> None:
         """Print the whole status."""
@@ -102,17 +93,25 @@ class JsonPosePrinter:
 
     def print_map_odom(self, message: TransformMessage, attachment: dict[str, Any]) -> None:
         """Print the transform with the fields of the attachment."""
+        keys = ["seq", "epoch", "is_localized", "map_keyframes", "loop_closures"]
+        self._print_pose("map_odom", message, message.translation_m, attachment, keys)
+
+    def _print_pose(
+        self,
+        kind: str,
+        message: OdometryMessage | TransformMessage,
+        position_m: Array,
+        attachment: dict[str, Any],
+        keys: list[str],
+    ) -> None:
         self._print(
-            kind="map_odom",
+            kind=kind,
             stamp_s=message.stamp_s,
             frame_id=message.frame_id,
             child_frame_id=message.child_frame_id,
-            position_m=message.translation_m.tolist(),
+            position_m=position_m.tolist(),
             quaternion_xyzw=message.quaternion_xyzw.tolist(),
-            **{
-                key: attachment[key]
-                for key in ("seq", "epoch", "is_localized", "map_keyframes", "loop_closures")
-            },
+            **{key: attachment[key] for key in keys},
         )
 
     def _print(self, **content: Any) -> None:

@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from itertools import chain, takewhile
@@ -17,13 +17,12 @@ from drivers.camera import (
     RgbdCamera,
     RgbdFrame,
 )
-from drivers.core import CameraError, CameraLostError, CameraNotFoundError, InputError
+from drivers.core import CameraLostError, CameraNotFoundError, InputError
 from drivers.core.geometry import Trajectory
 from drivers.playback.recording_formats import check_bag_packages
 from drivers.recording.bag_names import is_bag_file
 from drivers.recording.frame_recorder import FrameRecorder
 from drivers.recording.image_encoding import ColorFormat
-from drivers.recording.odometry import OdometryRecord
 from drivers.recording.recording_sink import RecordingFile
 from drivers.registry import open_camera
 from drivers.synthetic.config import SyntheticConfig
@@ -119,8 +118,11 @@ def run(request: RecordRequest) -> int:
                 lambda frame: frame.stamp_s - begin_s < request.seconds, chain([first], frames)
             )
             file = _create_file(request, config, camera.ground_truth)
-            writer = FrameRecorder(file, camera.ground_truth)
-            written = _write_frames(writer, recorded, camera.frame_count, wheels.take, terminal)
+            with FrameRecorder(file, camera.ground_truth) as writer:
+                for frame in recorded:
+                    writer.write(frame, odometry=wheels.take())
+                    terminal.progress("recording: frame", frame.seq + 1, camera.frame_count)
+            written = writer.written
     terminal.clear()
     print(
         f"{written} frames in {request.output}"
@@ -128,21 +130,6 @@ def run(request: RecordRequest) -> int:
         else "no frame received: nothing is written"
     )
     return stop.exit_code
-
-
-def _write_frames(
-    writer: FrameRecorder[RecordingFile],
-    frames: Iterable[RgbdFrame],
-    frame_count: int | None,
-    take_odometry: Callable[[], Sequence[OdometryRecord]],
-    terminal: Terminal,
-) -> int:
-    """Write the frames, close the writer, and return their number."""
-    with writer:
-        for frame in frames:
-            writer.write(frame, odometry=take_odometry())
-            terminal.progress("recording: frame", frame.seq + 1, frame_count)
-    return writer.written
 
 
 @contextmanager
@@ -239,13 +226,8 @@ def _read_next_frame(
             is_opening = status.state is CameraState.OPENING or status.is_preparing
             timeout_s = OPEN_TIMEOUT_S if is_opening else FRAME_TIMEOUT_S
             if time.monotonic() - begin_s > timeout_s:
-                raise _timeout_error(camera, is_first, timeout_s)
+                what = f"{camera.name}: no frame for {timeout_s:g} s, the camera is {status}"
+                if is_first:
+                    raise CameraNotFoundError(f"{what}; check the camera and record again")
+                raise CameraLostError(f"{what}; the frames recorded so far are complete")
     return None
-
-
-def _timeout_error(camera: RgbdCamera, is_first: bool, timeout_s: float) -> CameraError:
-    """Make the error for a camera that sends no frame."""
-    what = f"{camera.name}: no frame for {timeout_s:g} s, the camera is {camera.status}"
-    if is_first:
-        return CameraNotFoundError(f"{what}; check the camera and record again")
-    return CameraLostError(f"{what}; the frames recorded so far are complete")

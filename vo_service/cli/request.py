@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, TypeVar, get_args, get_origin
 
 from drivers.core.config import Field, TypedField, typed_fields
-from vo_service.config import Config
+from vo_service.config import Config, replace_key
 
 # Of an `Option` in the metadata of a field. Options of several requests are in its type, Annotated.
 _KEY = "option"
@@ -110,9 +110,7 @@ def with_options(request: CommandRequest, config: Config) -> Config:
     for field in typed_fields(type(request)):
         value = getattr(request, field.name)
         if isinstance(field.spec, Option) and field.spec.key and value:
-            table, _, name = field.spec.key.partition(".")
-            changed: dict[str, Any] = {table: replace(getattr(config, table), **{name: value})}
-            config = replace(config, **changed)
+            config = replace_key(config, field.spec.key, value)
     return config
 
 

@@ -6,7 +6,6 @@ import sys
 from contextlib import closing, suppress
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import Annotated
 
 import zenoh
@@ -128,7 +127,10 @@ def run(request: RunServiceRequest) -> int:
     limit_freed_memory()  # it costs time, so other commands go without
     config = request.load()
     set_log_level(config.log.level)
-    _rotate_trajectory(request.trajectory)
+    trajectory = request.trajectory
+    if trajectory is not None and trajectory.is_file():
+        with creating(trajectory):  # rename that of an earlier run to FILE-0001 and so on
+            rotate_file(trajectory, max_files=sys.maxsize)
     terminal = Terminal(log_period_s=math.inf)  # a service logs only changes
     source = request.camera or config.camera.source
     camera = open_camera(
@@ -228,10 +230,3 @@ def _make_outputs_config(
         wheel_messages=wheel_odometry.open_journal().take,
         log_line=terminal.write_line,
     )
-
-
-def _rotate_trajectory(path: Path | None) -> None:
-    """Rename an earlier run's file to FILE-0001 and so on; raise WriteError if that fails."""
-    if path is not None and path.is_file():
-        with creating(path):
-            rotate_file(path, max_files=sys.maxsize)

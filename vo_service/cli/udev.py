@@ -63,14 +63,10 @@ def run(request: InstallRulesRequest | ShowRulesRequest) -> int:
     for file in list_system_files():
         path = root / file.path
         print(f"{path}: {verb if path in changed else rest}")
-    if request.root is None:
-        _apply_rules()
-    return 0
-
-
-def _apply_rules() -> None:
-    warning = apply_rules()
-    if warning:
+    if request.root is not None:
+        return 0
+    if warning := apply_rules():
         print_message(f"kinect-vo: warning: {warning}; restart the computer to apply the change")
     else:
         print("Now unplug the sensor, with its power, and plug it in again.")
+    return 0

@@ -234,7 +234,7 @@ def _open_output(
         with closing(folder):
             sink = folder.begin(calibration, recording.frames.pairs[0].color.stamp)
             yield sink, _series(recording, sink)
-        _name_left_out(recording, path)
+        _name_left_out(recording)
         return
     check_bag_packages(path)
     from drivers.bag.bag_writer import create_bag
@@ -280,7 +280,7 @@ def _copied_messages(
         _log_left_out(recording.path, left_out, "the output has no place for them")
 
 
-def _name_left_out(recording: Recording, folder: Path) -> None:
+def _name_left_out(recording: Recording) -> None:
     """Name the topics of a bag that are not in a folder."""
     if recording.topics is None:
         return

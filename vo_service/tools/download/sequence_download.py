@@ -6,7 +6,6 @@ import shutil
 import tarfile
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path, PurePosixPath
 from typing import IO
@@ -15,7 +14,7 @@ from drivers.core import InputError, UserFacingError
 from drivers.core.write_errors import create_output_folder
 from drivers.tum.folder import open_tum_folder
 from vo_service.terminal import Terminal
-from vo_service.tools.download.catalog import BENCHMARK_URL, BenchmarkSequence
+from vo_service.tools.download.catalog import BenchmarkSequence
 from vo_service.tools.download.transfer import PartialFile, disk_error, fetch_with_retries
 
 CHUNK_BYTES = 1 << 16
@@ -153,45 +152,30 @@ def safe_path(name: str) -> PurePosixPath:
     return path
 
 
-@dataclass(frozen=True)
-class DownloadRequest:
-    """Settings of a download.
-
-    Attributes:
-        output: Folder for the sequences' folders.
-        source: Address of the benchmark's host or of a mirror.
-        sha256: Required digest of the archive, hexadecimal; empty for any.
-    """
-
-    output: Path
-    source: str = BENCHMARK_URL
-    sha256: str = ""
-
-
-def sequence_folder(sequence: BenchmarkSequence, request: DownloadRequest) -> Path:
-    """Return the folder of the downloaded sequence."""
-    return request.output / sequence.folder
-
-
 def download_sequence(
-    sequence: BenchmarkSequence, request: DownloadRequest, terminal: Terminal
-) -> Path:
-    """Download a sequence and return its folder, which appears only when it is complete.
+    sequence: BenchmarkSequence, folder: Path, source: str, sha256: str | None, terminal: Terminal
+) -> None:
+    """Download a sequence into a folder, which appears only when it is complete.
 
     An existing folder is not changed. A partial download is kept for the next time, unless the
     archive is unusable.
 
+    Args:
+        folder: Folder with the name of the sequence's own.
+        source: Address of the benchmark's host or of a mirror.
+        sha256: Required digest of the archive, hexadecimal; None for any.
+
     Raises:
         UserFacingError: The download fails.
     """
-    folder = sequence_folder(sequence, request)
-    create_output_folder(request.output)
-    with PartialFile(request.output / f".{sequence.folder}.tgz.part") as part:
+    create_output_folder(folder.parent)
+    with PartialFile(folder.with_name(f".{folder.name}.tgz.part")) as part:
         if not folder.exists():
-            url = sequence.url(request.source)
+            url = sequence.url(source)
             fetch_with_retries(url, part, partial(terminal.progress_bytes, sequence.name))
             try:
-                _check_digest(part.path, request.sha256)
+                if sha256:
+                    _check_digest(part.path, sha256)
                 _unpack_into(
                     folder,
                     part.path,
@@ -201,12 +185,9 @@ def download_sequence(
                 part.discard()
                 raise _unusable_archive_error(url, error) from error
         part.discard()
-    return folder
 
 
 def _check_digest(archive: Path, sha256: str) -> None:
-    if not sha256:
-        return
     with archive.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
     if digest != sha256.lower():

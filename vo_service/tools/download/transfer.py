@@ -147,12 +147,7 @@ class _SafeRedirectHandler(urllib.request.HTTPRedirectHandler):
         return super().redirect_request(req, fp, code, msg, headers, newurl)  # type: ignore[arg-type]
 
 
-def fetch_with_retries(
-    url: str,
-    part: PartialFile,
-    on_progress: TransferProgress,
-    sleep: Callable[[float], None] = time.sleep,
-) -> None:
+def fetch_with_retries(url: str, part: PartialFile, on_progress: TransferProgress) -> None:
     """Fetch a file as `fetch` does, with retries until several in a row make no progress.
 
     There is no retry if the first attempt receives nothing.
@@ -160,7 +155,6 @@ def fetch_with_retries(
     Args:
         part: Partial file to complete.
         on_progress: Is called with the bytes received, and all if known.
-        sleep: Waits a number of seconds.
     """
     size_at_start, failures = part.size, 0
     while True:
@@ -173,7 +167,7 @@ def fetch_with_retries(
                 raise
             delay_s = RETRY_DELAYS_S[failures]
             announce(f"{url}: interrupted after {part.size} bytes; trying again in {delay_s:g} s")
-            sleep(delay_s)
+            time.sleep(delay_s)
 
 
 def fetch(url: str, part: PartialFile, on_progress: TransferProgress) -> None:

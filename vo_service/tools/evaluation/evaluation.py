@@ -63,7 +63,10 @@ class Evaluation:
                 f"{format_mm(self.rpe_frame_m)}  {_format_degrees(self.rpe_frame_deg)}",
             ),
             ("RPE, one second", f"{format_mm(self.rpe_1s_m)}  {_format_degrees(self.rpe_1s_deg)}"),
-            ("coverage", _format_percent(self.coverage)),
+            (
+                "coverage",
+                f"{'-':>9}" if self.coverage is None else f"{100 * self.coverage:9.1f} %",
+            ),
             ("poses", f"{self.poses:9d}"),
             ("matched", f"{self.matched:9d}"),
         ]
@@ -71,6 +74,10 @@ class Evaluation:
     def as_table(self) -> str:
         """Return aligned text for a terminal, without a final newline."""
         return format_columns(self.rows())
+
+
+# These keys are null without a ground truth.
+EVALUATION_KEYS = tuple(Evaluation.__dataclass_fields__)
 
 
 def evaluate(
@@ -112,7 +119,3 @@ def evaluate(
 
 def _format_degrees(value: float | None) -> str:
     return f"{'-':>8}" if value is None else f"{value:8.3f} deg"
-
-
-def _format_percent(value: float | None) -> str:
-    return f"{'-':>9}" if value is None else f"{100 * value:9.1f} %"

@@ -9,7 +9,7 @@ from drivers.core import InputError
 from drivers.core.geometry import Array, Trajectory
 from vo_service.service import ServiceStatistics
 from vo_service.terminal import format_columns, format_mm
-from vo_service.tools.evaluation.evaluation import Evaluation, evaluate
+from vo_service.tools.evaluation.evaluation import EVALUATION_KEYS, Evaluation, evaluate
 from vo_service.types.estimate import OnlineFocalLength, OnlineTiming
 
 logger = logging.getLogger(__name__)
@@ -23,8 +23,6 @@ TIMING_KEYS = (
     "sensor_timing_source",
 )
 FOCAL_KEYS = ("focal_scale", "focal_scale_sigma", "focal_disagreement", "focal_source")
-# These keys are null without a ground truth.
-EVALUATION_KEYS = tuple(Evaluation.__dataclass_fields__)
 
 
 @dataclass(frozen=True)

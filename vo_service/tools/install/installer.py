@@ -1,7 +1,7 @@
 """Installation and removal of the service, with one line of output per step."""
 
 import shutil
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 
 from drivers.core import UserFacingError
@@ -85,10 +85,9 @@ class Installer:
             )
 
     def _install_program(self) -> bool:
-        def print_step(step: str) -> None:
-            self._print_line(f"{self._root / PROGRAM_FOLDER}: {step} ...")
-
-        return self._report_written(PROGRAM_FOLDER, install_program(self._root, print_step))
+        folder = self._root / PROGRAM_FOLDER
+        is_new = install_program(self._root, lambda step: self._print_line(f"{folder}: {step} ..."))
+        return self._report_written(PROGRAM_FOLDER, is_new)
 
     def _write_file(self, path: Path, text: str) -> bool:
         return self._report_written(path, write_file(self._root / path, text))
@@ -117,12 +116,13 @@ class Installer:
         """
         self._systemd.disable_all(self._root)
         drop_ins = sorted((self._root / UNIT_FOLDER).glob(f"kinect-vo*.service.d/{DROP_IN}"))
-        for path in [*self._below_root(file.path for file in list_unit_files()), *drop_ins]:
+        for path in [*(self._root / file.path for file in list_unit_files()), *drop_ins]:
             self._report_removed(path, remove_file(path))
         for folder in {path.parent for path in drop_ins}:
             if not any(folder.iterdir()):
                 folder.rmdir()
-        for path in self._below_root(file.path for file in udev.list_system_files()):
+        for file in udev.list_system_files():
+            path = self._root / file.path
             self._report_removed(path, remove_file(path))
         self._report_removed(self._root / COMMAND_LINK, unlink_command(self._root))
         self._systemd.reload_after_removal()
@@ -149,9 +149,6 @@ class Installer:
             else:
                 continue
             self._report_removed(path, True)
-
-    def _below_root(self, paths: Iterable[Path]) -> list[Path]:
-        return [self._root / path for path in paths]
 
     def _report_removed(self, path: Path, is_removed: bool) -> None:
         self._print_line(f"{path}: {'removed' if is_removed else 'not installed'}")

@@ -42,7 +42,7 @@ def runtime_distributions() -> list[Distribution]:
     by_name: dict[str, Distribution] = {}
     pending = [DISTRIBUTION_NAME]
     while pending:
-        name = _normalize_name(pending.pop())
+        name = re.sub(r"[-_.]+", "-", pending.pop()).lower()
         if name in by_name:
             continue
         try:
@@ -94,10 +94,6 @@ def _requirement_names(package: Distribution, *, with_extras: bool) -> list[str]
         if with_extras or "extra" not in marker:
             names.append(re.split(r"[^A-Za-z0-9._-]", name.strip(), maxsplit=1)[0])
     return names
-
-
-def _normalize_name(name: str) -> str:
-    return re.sub(r"[-_.]+", "-", name).lower()
 
 
 def install_program(root: Path, on_progress: Callable[[str], None]) -> bool:

@@ -1,13 +1,11 @@
 """Changes of the system: its files, its commands, and what can go wrong with them."""
 
-import os
 import shutil
 import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.core import UserFacingError
 from drivers.core.files import atomic_file
 
 COMMAND_TIMEOUT_S = 20.0
@@ -47,16 +45,6 @@ def remove_file(path: Path) -> bool:
     except FileNotFoundError:
         return False
     return True
-
-
-def write_error(path: Path, error: OSError, root: Path, *command: str) -> UserFacingError:
-    """Return a user-facing error for a file that a kinect-vo command could not change."""
-    if isinstance(error, PermissionError) and os.geteuid() != 0:
-        tree = [] if root == Path("/") else ["--root", str(root)]
-        return UserFacingError(
-            f"{path}: only root may change this; run: {format_sudo_command(*command, *tree)}"
-        )
-    return UserFacingError(f"{path}: {error.strerror}; fix this and re-run")
 
 
 def format_sudo_command(*arguments: str) -> str:

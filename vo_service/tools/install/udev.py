@@ -1,14 +1,16 @@
 """System files that let users open a sensor without root, from the table of USB ids."""
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
+from drivers.core import UserFacingError
 from drivers.kinect_usb.usb_ids import SUPPORTED_IDS, UsbId
 from vo_service.tools.install.system_files import (
     SystemFile,
+    format_sudo_command,
     remove_file,
     run_command,
-    write_error,
     write_file,
 )
 
@@ -79,7 +81,12 @@ def _change_files(root: Path, action: str, change: Callable[[Path, str], bool]) 
             if change(path, file.text):
                 changed.append(path)
         except OSError as error:
-            raise write_error(path, error, root, "udev", action) from error
+            advice = f"{error.strerror}; fix this and re-run"
+            if isinstance(error, PermissionError) and os.geteuid() != 0:
+                tree = [] if root == Path("/") else ["--root", str(root)]
+                command = format_sudo_command("udev", action, *tree)
+                advice = f"only root may change this; run: {command}"
+            raise UserFacingError(f"{path}: {advice}") from error
     return changed
 
 

@@ -79,7 +79,7 @@ class TourSequence:
         """
         config = make_tour_config(seed, SEQUENCE_S, aliased_corners=False)
         # Each has its own folder: a cache folder is too small for two of this length.
-        progress = terminal.progress_callback(f"rendering room {seed}: frame")
+        progress = partial(terminal.progress, f"rendering room {seed}: frame")
         sequence = render_all(config, folder / "sequences" / f"tour-{seed}", progress, THREADS)
 
         def read_images(index: int) -> RenderedImages:

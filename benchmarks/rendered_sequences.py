@@ -13,6 +13,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, replace
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -171,7 +172,7 @@ def render(folder: Path, recording: VirtualRecording) -> None:
 def prerender_room(config: SyntheticConfig) -> None:
     """Render the room of a configuration into the cache, for the services started later."""
     print("rendering the room (a minute or two, unless it is cached)", file=sys.stderr)
-    progress = Terminal().progress_callback("rendering the room: frame")
+    progress = partial(Terminal().progress, "rendering the room: frame")
     render_into_cache(config, cache_folder() / "sequences", progress).close()
 
 

@@ -415,7 +415,7 @@ def _measure(method: str, config: SyntheticConfig, file: Path) -> Json:
         make_runner(method),
         render_frames(config),
         compute_true_poses(config),
-        terminal.progress_callback(f"{file.stem}: frame"),
+        partial(terminal.progress, f"{file.stem}: frame"),
     )
     record.save(file)
     terminal.clear()

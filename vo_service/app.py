@@ -166,23 +166,20 @@ def open_outputs(config: OutputsConfig) -> Iterator[OutputSet]:
         if config.mapper is not None:
             opened.mapper = stack.enter_context(closing(config.mapper()))
             outputs.append(opened.mapper)
+        # An output that may be left out is imported where it is opened.
         if config.extra:
-            outputs += _open_extra_outputs(config, stack)
+            from vo_service.outputs.extra_output import ExtraOutput
+
+            extra = [ExtraOutput(source, config.playback_mode) for source in config.extra]
+            outputs += [stack.enter_context(closing(output)) for output in extra]
         if config.mcap is not None:
-            outputs.append(_open_mcap(config, config.mcap, stack))
+            outputs.append(stack.enter_context(closing(_open_mcap(config, config.mcap))))
         if config.trajectory is not None:
-            outputs.append(_open_trajectory(config.trajectory, config.playback_mode, stack))
+            from vo_service.outputs.trajectory.trajectory_file import open_trajectory
+
+            file = open_trajectory(str(config.trajectory), config.playback_mode)
+            outputs.append(stack.enter_context(closing(file)))
         yield opened
-
-
-# An output that may be left out is imported where it is opened.
-
-
-def _open_extra_outputs(config: OutputsConfig, stack: ExitStack) -> list[Output]:
-    from vo_service.outputs.extra_output import ExtraOutput
-
-    outputs = [ExtraOutput(source, config.playback_mode) for source in config.extra]
-    return [stack.enter_context(closing(output)) for output in outputs]
 
 
 def open_frames(config: Config) -> "list[FrameOutput]":
@@ -284,26 +281,19 @@ def open_sensor_memory(config: Config, camera: RgbdCamera) -> SensorMemory:
     return open_sensor_memory(config.odometry.timing)
 
 
-def _open_mcap(config: OutputsConfig, path: Path, stack: ExitStack) -> Output:
+def _open_mcap(config: OutputsConfig, path: Path) -> Output:
     from drivers.playback.recording_formats import check_bag_packages
 
     check_bag_packages(path)
     from vo_service.outputs.mcap_recording import open_mcap_recording
 
-    recording = open_mcap_recording(
+    return open_mcap_recording(
         path,
         config.playback_mode,
         config.ground_truth,
         config.wheel_messages,
         config.T_base_camera,
     )
-    return stack.enter_context(closing(recording))
-
-
-def _open_trajectory(path: Path, playback_mode: PlaybackMode, stack: ExitStack) -> Output:
-    from vo_service.outputs.trajectory.trajectory_file import open_trajectory
-
-    return stack.enter_context(closing(open_trajectory(str(path), playback_mode)))
 
 
 def _open_zenoh(config: OutputsConfig, zenoh: ZenohConfig, stack: ExitStack) -> list[Output]:
@@ -378,27 +368,10 @@ def run_replay(
         wheel_odometry: The motion of the base by its wheels.
         add_scan: Adds the scan to the updates.
     """
-    service = _build_replay_service(
-        config, camera, frame_source, outputs, loop_closure, wheel_odometry, add_scan
-    )
-    release_memory()  # all kernels are loaded
-    service.run(stop.event)
-    return RunResult(service.statistics, stop.exit_code)
-
-
-def _build_replay_service(
-    config: Config,
-    camera: RgbdCamera,
-    frame_source: FrameSource,
-    outputs: Sequence[Output],
-    loop_closure: LoopClosure,
-    wheel_odometry: WheelOdometrySource,
-    add_scan: AddScan,
-) -> Service:
     timer = CpuStageTimer()
     odom_frame = OdomFrame(config.T_base_camera.T_base_camera, config.base.planar, wheel_odometry)
     odometry = loop_closure.wrap(config.odometry.make_odometry(timer))
-    return Service(
+    service = Service(
         _make_input(config, camera, frame_source),
         OdometryMethod(config.odometry.method, odometry, timer),
         odom_frame,
@@ -408,6 +381,9 @@ def _build_replay_service(
         loop_closure=loop_closure,
         add_scan=add_scan,
     )
+    release_memory()  # all kernels are loaded
+    service.run(stop.event)
+    return RunResult(service.statistics, stop.exit_code)
 
 
 def _make_input(config: Config, camera: RgbdCamera, frame_source: FrameSource) -> ServiceInput:

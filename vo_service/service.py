@@ -399,12 +399,12 @@ class ServiceStatistics:
             p99_ms=float(p99),
             cpu_ms_per_frame=_recent_median(self._cpu_ms),
             stage_ms={stage: _recent_median(spent) for stage, spent in self._stages_ms.items()},
-            stage_mean_ms={stage: self._recent_mean_ms(stage) for stage in self._stages_ms},
+            stage_mean_ms={
+                stage: fmean(spent_ms.get(stage, 0.0) for spent_ms in self._recent_stages_ms)
+                for stage in self._stages_ms
+            },
             stage_budget_ms=stage_budget_ms,
         )
-
-    def _recent_mean_ms(self, stage: str) -> float:
-        return fmean(spent_ms.get(stage, 0.0) for spent_ms in self._recent_stages_ms)
 
     def _recent_fps(self) -> float:
         now_s = self.now_s()

@@ -143,12 +143,9 @@ class _JournalFormatter(logging.Formatter):
     """Starts each line with its level: the journal adds the program, and splits at line ends."""
 
     def format(self, record: logging.LogRecord) -> str:
-        level = _syslog_level(record.levelno)
+        levels = (syslog for least, syslog in _SYSLOG_LEVELS if record.levelno >= least)
+        level = next(levels, _SYSLOG_DEBUG)
         return "\n".join(f"<{level}>{line}" for line in super().format(record).splitlines())
-
-
-def _syslog_level(level: int) -> int:
-    return next((syslog for least, syslog in _SYSLOG_LEVELS if level >= least), _SYSLOG_DEBUG)
 
 
 # Slow work is logged after this time, so that a user never waits 2 s without a reason.
@@ -275,10 +272,6 @@ class Terminal:
         """
         if self._is_due(done == total):
             self._draw(_LineKind.BYTES, label, done, total)
-
-    def progress_callback(self, label: str) -> Callable[[int, int], None]:
-        """Return a function of (done, total) that calls `progress` with this label."""
-        return lambda done, total: self.progress(label, done, total)
 
     def write_line(self, text: str) -> None:
         """Write a permanent line; in a log, a line of level info."""

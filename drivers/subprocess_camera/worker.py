@@ -80,33 +80,22 @@ class CaptureLoop:
         try:
             self._camera.open()
             while not self._service.stop.is_set():
-                self._check_loss()
-                self._send_heartbeat_if_due()
+                if self._camera.loss is not None and not self._is_live:
+                    raise self._camera.loss  # a recording is not opened again
+                if time.monotonic() - self._last_heartbeat_s >= POLL_S:
+                    self._send_heartbeat()
                 if self._ring.acquire(POLL_S):
-                    self._pass_on_frame()
+                    with suppress(FrameTimeout):
+                        self._ring.put(self._camera.read(POLL_S))
         except EndOfStream:
             self._service.send(CameraFinished())
         finally:
             self._camera.close()
 
-    def _pass_on_frame(self) -> None:
-        with suppress(FrameTimeout):
-            self._ring.put(self._camera.read(POLL_S))
-
-    def _check_loss(self) -> None:
-        """Raise the error of a recording, which is not opened again."""
-        if self._camera.loss is not None and not self._is_live:
-            raise self._camera.loss
-
     def _report_phase(self, phase: ConnectionPhase) -> None:
         self._send_heartbeat()
         if phase in (ConnectionPhase.STARTING, ConnectionPhase.STREAMING):
             self._send_properties()
-
-    def _send_heartbeat_if_due(self) -> None:
-        """Send a heartbeat if the last one is old enough."""
-        if time.monotonic() - self._last_heartbeat_s >= POLL_S:
-            self._send_heartbeat()
 
     def _send_heartbeat(self) -> None:
         self._last_heartbeat_s = time.monotonic()

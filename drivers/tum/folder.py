@@ -8,7 +8,7 @@ from drivers.core import InputError
 from drivers.recording.depth_enlargement import check_first_frame
 from drivers.recording.image_decoding import UnreadableFrameError
 from drivers.recording.pairing import pair_images
-from drivers.recording.recorded_frames import FramePair, RecordedFrames, RecordedImage
+from drivers.recording.recorded_frames import FramePair, RecordedFrames
 from drivers.recording.recording import Recording
 from drivers.tum.accelerometer import read_accelerometer
 from drivers.tum.ground_truth import read_ground_truth
@@ -97,14 +97,13 @@ def read_frame_pairs(folder: Path) -> RecordedFrames:
 
 def _check_files(pairs: list[FramePair]) -> None:
     """Raise InputError unless the files of the first frame and of most others exist."""
-    missing_of_frame = [_missing_file(pair) for pair in pairs]
+    missing_of_frame = [
+        next((image for image in (pair.color, pair.depth) if not image.file.exists()), None)
+        for pair in pairs
+    ]
     missing = [image for image in missing_of_frame if image is not None]
     if missing_of_frame[0] is not None or 2 * len(missing) > len(pairs):
         raise InputError(
             f"{missing[0].location}: names {missing[0].file}, which is missing "
             f"({len(missing)} of {len(pairs)} frames lack a file); restore it or remove the line"
         )
-
-
-def _missing_file(pair: FramePair) -> RecordedImage | None:
-    return next((image for image in (pair.color, pair.depth) if not image.file.exists()), None)

@@ -9,7 +9,7 @@ from pathlib import Path
 from drivers.calibration import CAMERA_FILE_NAME, CameraCalibration, format_calibration
 from drivers.core import InputError
 from drivers.core.files import AppendOnlyFile, atomic_write
-from drivers.core.geometry import Array, Trajectory, Vector, format_pose_line
+from drivers.core.geometry import Array, Trajectory, Vector, format_trajectory
 from drivers.core.write_errors import check_disk_space, creating
 from drivers.recording.frame_encoding import format_stamp, round_to_microseconds
 from drivers.recording.image_decoding import JPEG_START, BgrImage, DepthImage
@@ -135,7 +135,9 @@ class TumFolder(RecordingFile, RecordingSink):
         (self.path / "rgb").mkdir()
         (self.path / "depth").mkdir()
         if ground_truth is not None:
-            atomic_write(self.path / "groundtruth.txt", _format_poses(ground_truth))
+            heading = b"# timestamp tx ty tz qx qy qz qw\n"
+            poses = format_trajectory(ground_truth)
+            atomic_write(self.path / "groundtruth.txt", heading + poses)
         for name, columns in INDEX_FILES.items():
             self._index_files.append(AppendOnlyFile(self.path / name, columns))
 
@@ -154,9 +156,3 @@ def _write_files(files: Sequence[tuple[Path, bytes]]) -> None:
             with suppress(OSError):
                 path.unlink(missing_ok=True)
         raise
-
-
-def _format_poses(trajectory: Trajectory) -> bytes:
-    poses = zip(trajectory.stamps_s, trajectory.T_world_camera, strict=True)
-    lines = [format_pose_line(stamp_s, T_world_camera) for stamp_s, T_world_camera in poses]
-    return "".join(["# timestamp tx ty tz qx qy qz qw\n", *lines]).encode()

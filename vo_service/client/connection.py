@@ -2,7 +2,6 @@
 
 import json
 import logging
-import re
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -20,22 +19,10 @@ from vo_service.types.messages import ErrorReply, decode_message, parse_json_mes
 logger = logging.getLogger(__name__)
 
 
-def check_max_age(max_age_s: float) -> None:
-    """Raise InputError unless the age is zero or more; infinity accepts any age."""
-    if not max_age_s >= 0:
-        raise InputError(f"max_age_s = {max_age_s:g}: give seconds, zero or more")
-
-
 def check_timeout(timeout_s: float | None) -> None:
     """Raise InputError unless the timeout is None or a time that a thread can wait."""
     if timeout_s is not None and not 0 <= timeout_s <= threading.TIMEOUT_MAX:
         raise InputError(f"timeout_s = {timeout_s:g}: give seconds, zero or more and finite")
-
-
-def check_command_name(name: str) -> None:
-    """Raise InputError unless the name is one valid part of a Zenoh key."""
-    if not re.fullmatch(r"[A-Za-z0-9_-]+", name):
-        raise InputError(f"{name!r} is not a command name; see kinect-vo command --help")
 
 
 def encode_arguments(key: str, arguments: Mapping[str, object]) -> bytes | None:

@@ -1,6 +1,7 @@
 """Client of one service: its poses, its status, and commands to it."""
 
 import math
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from numbers import Real
@@ -21,8 +22,6 @@ from drivers.ros_messages.navigation import (
 )
 from vo_service.client.connection import (
     ServiceUnavailable,
-    check_command_name,
-    check_max_age,
     check_timeout,
     encode_arguments,
     query,
@@ -120,7 +119,8 @@ class PoseClient(ServiceClient):
             PoseUnavailable: No pose arrived within `max_age_s`, or tracking is lost.
             InputError: `max_age_s` is negative or NaN.
         """
-        check_max_age(max_age_s)
+        if not max_age_s >= 0:  # infinity accepts any age
+            raise InputError(f"max_age_s = {max_age_s:g}: give seconds, zero or more")
         return self._thread_local.reader.read(require_fresh(self._state, max_age_s, self._where))
 
     def query_latest(self, timeout_s: float = REPLY_TIMEOUT_S) -> Pose:
@@ -235,7 +235,8 @@ class PoseClient(ServiceClient):
         Raises:
             InputError: The name or an argument is invalid.
         """
-        check_command_name(name)
+        if not re.fullmatch(r"[A-Za-z0-9_-]+", name):  # one part of a Zenoh key
+            raise InputError(f"{name!r} is not a command name; see kinect-vo command --help")
         reply = self._query(f"command/{name}", timeout_s, arguments)
         return {key: value for key, value in reply.items() if key != "schema"}
 

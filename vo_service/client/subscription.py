@@ -245,7 +245,7 @@ def require_fresh(state: ServiceState, max_age_s: float, where: str) -> Received
     """
     received = state.pose.item
     if received is None or not state.pose.age_s <= max_age_s:
-        raise _make_error(state, *_unavailable_reason(state, where))
+        raise pose_unavailable_error(state, where)
     if received.attachment.state == LOST:
         raise _make_error(
             state, PoseUnavailableReason.LOST, f"tracking is lost: {received.attachment.reason}"

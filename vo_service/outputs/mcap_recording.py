@@ -198,7 +198,11 @@ class McapOutput(FileOutput[Item]):
             if isinstance(item, UpdateWithWheels):
                 self._write_update(recorder, item.update, item.wheel_messages)
             elif self._last_stamp_s is not None:  # else there is no time for it
-                self._write_status(recorder, *item, *self._last_stamp_s)
+                status, now_s = item
+                last_stamp_s, received_s = self._last_stamp_s
+                stamp_s = last_stamp_s + max(0.0, now_s - received_s)
+                message = _string("/vo/status", stamp_s, encode_message(status))
+                recorder.write_besides(partial(recorder.file.write_messages, [message]))
         except UserFacingError as error:
             self._fail(error)
 
@@ -281,18 +285,6 @@ class McapOutput(FileOutput[Item]):
         if truth is None:
             return None
         return replace(truth, stamps_s=truth.stamps_s + (update.stamp_s - update.frame.stamp_s))
-
-    def _write_status(
-        self,
-        recorder: McapRecorder,
-        status: Status,
-        now_s: float,
-        last_stamp_s: float,
-        received_s: float,
-    ) -> None:
-        stamp_s = last_stamp_s + max(0.0, now_s - received_s)
-        message = _string("/vo/status", stamp_s, encode_message(status))
-        recorder.write_besides(partial(recorder.file.write_messages, [message]))
 
     def _finish(self) -> None:
         try:

@@ -68,13 +68,9 @@ class SystemdOutput(OutputBase):
         finally:
             self._notifier.send("READY=1")
 
-    def notify_stopping(self) -> None:
-        """Report that the service stops; systemd then waits `TimeoutStopSec`."""
-        self._notifier.send("STOPPING=1", "STATUS=stopping")
-
     def close(self) -> None:
-        """Report that the service stops, and release the socket."""
-        self.notify_stopping()
+        """Report that the service stops, and release the socket. Systemd waits `TimeoutStopSec`."""
+        self._notifier.send("STOPPING=1", "STATUS=stopping")
         self._notifier.close()
 
 

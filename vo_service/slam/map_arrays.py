@@ -245,13 +245,14 @@ def keyframes_from_arrays(arrays: Arrays) -> list[MapKeyframe]:
     keyframes = []
     for n in range(count):
         features = _features_from_arrays(arrays, n)
+        width, height, *intrinsics = camera[n].tolist()
         keyframes.append(
             MapKeyframe(
                 number=int(number[n]),
                 world_id=int(world_id[n]),
                 stamp_s=float(stamp_s[n]),
                 T_world_keyframe=T_world_keyframe[n],
-                camera=_camera_from_array(camera[n]),
+                camera=PinholeCamera(int(width), int(height), *intrinsics),
                 features=features,
                 vlad_descriptor=vocabulary.describe(features.descriptor_int8),
                 packed_points=tuple(
@@ -261,11 +262,6 @@ def keyframes_from_arrays(arrays: Arrays) -> list[MapKeyframe]:
             )
         )
     return keyframes
-
-
-def _camera_from_array(values: Array) -> PinholeCamera:
-    width, height, fx, fy, cx, cy = values.tolist()
-    return PinholeCamera(int(width), int(height), fx, fy, cx, cy)
 
 
 def _features_from_arrays(arrays: Arrays, n: int) -> DepthFeatures:

@@ -163,7 +163,10 @@ class PoseGraph:
         if self._nodes[loop.a].world_id == self._nodes[loop.b].world_id:
             self._edges.append(loop)
             return
-        component_a, component_b = (self._component_of(end) for end in (loop.a, loop.b))
+        components = list(self.connected_components())
+        component_a, component_b = (
+            next(each for each in components if end in each) for end in (loop.a, loop.b)
+        )
         self._edges.append(loop)
         T_map_a, T_map_b = self.T_map_keyframe(loop.a), self.T_map_keyframe(loop.b)
         if min(component_a) < min(component_b):
@@ -213,9 +216,6 @@ class PoseGraph:
         if link is None:
             return NodeRemoval(number, None, T_map_removed)
         return NodeRemoval(number, link.b, inverse(self.T_map_keyframe(link.b)) @ T_map_removed)
-
-    def _component_of(self, number: int) -> set[int]:
-        return next(component for component in self.connected_components() if number in component)
 
     def _transform_nodes(self, numbers: Iterable[int], T: Array) -> None:
         """Transform the poses of nodes by T (4x4)."""

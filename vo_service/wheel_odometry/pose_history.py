@@ -88,7 +88,10 @@ class PoseHistory:
             return self._add_stale(reading, -step_s)
         self._stale = 0
         motion = last.reading.pose.motion_to(reading.pose)
-        if is_jump(motion, step_s):
+        if (
+            motion.distance_m > JUMP_MARGIN_M + MAX_SPEED_M_S * step_s
+            or abs(motion.yaw_rad) > JUMP_MARGIN_RAD + MAX_YAW_RATE_RAD_S * step_s
+        ):  # no base can move so in this time
             self._samples = [_Sample(reading)]
             return (
                 f"the pose jumped by {motion.distance_m:.2f} m and "
@@ -96,7 +99,8 @@ class PoseHistory:
             )
         distance_m = last.distance_m + motion.distance_m
         self._samples.append(_Sample(reading, distance_m, last.turn_rad + abs(motion.yaw_rad)))
-        self._forget()
+        oldest_s = reading.stamp_s - KEPT_S
+        del self._samples[: bisect_left(self._samples, oldest_s, key=attrgetter("stamp_s"))]
         return ""
 
     def state_at(self, stamp_s: float) -> WheelState | None:
@@ -160,18 +164,6 @@ class PoseHistory:
             return ""
         self._samples, self._stale = [_Sample(reading)], 0
         return f"its clock was set back by {back_s:.2f} s"
-
-    def _forget(self) -> None:
-        oldest_s = self._samples[-1].stamp_s - KEPT_S
-        del self._samples[: bisect_left(self._samples, oldest_s, key=attrgetter("stamp_s"))]
-
-
-def is_jump(motion: PlanarPose, step_s: float) -> bool:
-    """Whether no base can move so in this time."""
-    return (
-        motion.distance_m > JUMP_MARGIN_M + MAX_SPEED_M_S * step_s
-        or abs(motion.yaw_rad) > JUMP_MARGIN_RAD + MAX_YAW_RATE_RAD_S * step_s
-    )
 
 
 def _state(sample: _Sample, velocity: PlanarTwist) -> WheelState:

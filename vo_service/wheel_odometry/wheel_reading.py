@@ -53,13 +53,11 @@ def parse_wheel_reading(payload: BytesLike) -> WheelReading:
         raise ValueError(f"its stamp is {message.stamp_s:g} s, before 1970")
     if pose.distance_m > MAX_POSITION_M:
         raise ValueError(f"its position is {pose.distance_m:g} m away: positions are in meters")
-    return WheelReading(
-        message.stamp_s,
-        (message.frame_id, message.child_frame_id),
-        pose,
-        twist,
-        _twist_variances(message),
+    forward, left, yaw = (
+        _known_variance(float(message.twist_covariance[axis, axis])) for axis in PLANAR_AXES
     )
+    frame_ids = message.frame_id, message.child_frame_id
+    return WheelReading(message.stamp_s, frame_ids, pose, twist, (forward, left, yaw))
 
 
 def encode_wheel_reading(reading: WheelReading) -> bytes:
@@ -84,11 +82,6 @@ def encode_wheel_reading(reading: WheelReading) -> bytes:
             twist_covariance=twist_covariance,
         )
     )
-
-
-def _twist_variances(message: OdometryMessage) -> TwistVariances:
-    forward, left, yaw = (float(message.twist_covariance[axis, axis]) for axis in PLANAR_AXES)
-    return _known_variance(forward), _known_variance(left), _known_variance(yaw)
 
 
 def _known_variance(variance: float) -> float | None:

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from enum import StrEnum
 from typing import Any, get_args, get_origin
 
-from drivers.core.config import Field, TypedField, typed_fields
+from drivers.core.config import Field, typed_fields
 from vo_service.types.commands import COMMANDS, Command
 from vo_service.types.messages import (
     MESSAGE_SCHEMA,
@@ -77,7 +77,8 @@ def schema_of(kind: Any, spec: Field = Field()) -> Schema:  # noqa: B008 (frozen
         return {"type": "object", "properties": properties, "required": list(properties)}
     match get_origin(kind), get_args(kind):
         case origin, (item, *others) if origin is tuple:
-            length = {} if others == [...] else _exact_length(1 + len(others))
+            count = 1 + len(others)
+            length = {} if others == [...] else {"minItems": count, "maxItems": count}
             return {"type": "array", "items": schema_of(item, spec), **length}
         case origin, (key, value) if origin is Mapping and key is str:
             return {"type": "object", "additionalProperties": schema_of(value)}
@@ -95,16 +96,11 @@ def _limits(spec: Field) -> Schema:
     return limits
 
 
-def _exact_length(length: int) -> Schema:
-    return {"minItems": length, "maxItems": length}
-
-
 def _field_schemas(of: type) -> dict[str, Schema]:
-    return {field.name: _field_schema(field) for field in typed_fields(of)}
-
-
-def _field_schema(field: TypedField) -> Schema:
-    return schema_of(field.kind, field.spec) | {"description": field.spec.description}
+    return {
+        field.name: schema_of(field.kind, field.spec) | {"description": field.spec.description}
+        for field in typed_fields(of)
+    }
 
 
 def _message_schema(

@@ -107,11 +107,8 @@ def _check_tls_keys(
         key = _tls_file(settings, f"{side}_private_key")
         if certificate and key:
             _check_pair(certificate, key, where)
-        if (
-            side == "listen"
-            and _has_encrypted_endpoint(endpoints)
-            and not (certificate and key and root)
-        ):
+        is_encrypted = any(each.partition("/")[0] in ENCRYPTED_PROTOCOLS for each in endpoints)
+        if side == "listen" and is_encrypted and not (certificate and key and root):
             raise InputError(
                 f"{where}: to listen with TLS, transport.link.tls needs root_ca_certificate, "
                 "listen_certificate and listen_private_key; see config/zenoh/robot-tls.json5"
@@ -141,7 +138,3 @@ def _run_ssl_load(load: Callable[[], None], where: str, what: str) -> None:
 
 def _tls_file(settings: zenoh.Config, name: str) -> str:
     return json.loads(settings.get_json(f"transport/link/tls/{name}")) or ""
-
-
-def _has_encrypted_endpoint(endpoints: Sequence[str]) -> bool:
-    return any(endpoint.partition("/")[0] in ENCRYPTED_PROTOCOLS for endpoint in endpoints)

@@ -42,7 +42,6 @@ from vo_service.outputs.zenoh.session_endpoints import (
 from vo_service.service import OdometryMethod, Service, ServiceInput, ServiceStatistics
 from vo_service.signals import StopSignal
 from vo_service.terminal import set_log_level
-from vo_service.types.commands import ReloadConfig
 from vo_service.types.odometry import Odometry
 from vo_service.types.odometry_update import AddScan, WheelMessageSource, add_no_scan
 from vo_service.types.outputs import (
@@ -396,56 +395,38 @@ class ServiceDependencies:
     """Dependencies of the live service, apart from the camera.
 
     Attributes:
-        outputs: Take updates and the status.
+        opened: The outputs that the user chose.
+        more_outputs: Others that take updates and the status.
         command_queue: Commands for the loop.
-        recorder: The flight recorder, one of the outputs.
-        mapper: The mapper, one of the outputs.
-        sensor_memory: The memory of learned timings, one of the outputs.
+        sensor_memory: The memory of learned timings, one of the other outputs.
         wheel_odometry: The motion of the base by its wheels.
-        viewers: Those of the outputs that load shedding may pause.
         warning_sources: Parts besides the outputs whose warnings are in the status.
         add_scan: Adds the scan to the updates.
         on_command_config: Applies a changed table `[commands]`.
     """
 
-    outputs: Sequence[Output]
+    opened: OutputSet
+    more_outputs: Sequence[Output] = ()
     command_queue: CommandQueue = field(default_factory=CommandQueue)
-    recorder: Recorder = field(default_factory=NullRecorder)
-    mapper: Mapper = field(default_factory=NullMapper)
     sensor_memory: SensorMemory = field(default_factory=NullSensorMemory)
     wheel_odometry: WheelOdometrySource = field(default_factory=NullWheelOdometry)
-    viewers: Sequence[PausableViewer] = ()
     warning_sources: Sequence[HasWarning] = ()
     add_scan: AddScan = add_no_scan
     on_command_config: Callable[[CommandConfig], None] = lambda _: None
 
 
-@dataclass(frozen=True)
-class LiveService:
-    """The loop, and the functions that apply a changed configuration to it.
-
-    Attributes:
-        service: The loop.
-        config_handlers: By key: applies a changed value, on the loop's thread.
-    """
-
-    service: Service
-    config_handlers: ConfigHandlers
-
-    def make_reload_command(self, changes: ConfigChanges) -> ReloadConfig:
-        """Make the command that applies the changes."""
-        return ReloadConfig(lambda: apply_changes(changes, self.config_handlers))
-
-
 def build_live_service(
     config: Config, camera: RgbdCamera, dependencies: ServiceDependencies
-) -> LiveService:
+) -> tuple[Service, ConfigHandlers]:
     """Build the service for a live camera, which may disconnect and reconnect.
 
     Args:
         config: The configuration.
         camera: The camera; the service opens it.
         dependencies: Outputs, commands and the parts that take them.
+
+    Returns:
+        The loop, and the functions that apply a changed configuration on its thread.
     """
     camera = make_reconnecting(camera)
     timer = CpuStageTimer()
@@ -453,22 +434,22 @@ def build_live_service(
     odom_frame = OdomFrame(
         config.T_base_camera.T_base_camera, config.base.planar, dependencies.wheel_odometry
     )
-    load_shedder = LoadShedder(dependencies.viewers)
+    opened, mapper = dependencies.opened, dependencies.opened.mapper
+    load_shedder = LoadShedder(opened.viewers)
     load_shedder.configure(config.load)
-    mapper = dependencies.mapper
     frame_source = LiveSource(camera, dependencies.sensor_memory.apply)
     service = Service(
         _make_input(config, camera, frame_source),
         OdometryMethod(config.odometry.method, mapper.loop_closure.wrap(odometry), timer),
         odom_frame,
-        Control(odom_frame, camera, dependencies.command_queue, dependencies.recorder, mapper),
-        dependencies.outputs,
+        Control(odom_frame, camera, dependencies.command_queue, opened.recorder, mapper),
+        [*opened.outputs, *dependencies.more_outputs],
         load_shedder,
         (*dependencies.warning_sources, dependencies.wheel_odometry),
         mapper.loop_closure,
         dependencies.add_scan,
     )
-    return LiveService(service, make_config_handlers(camera, odometry, load_shedder, dependencies))
+    return service, make_config_handlers(camera, odometry, load_shedder, dependencies)
 
 
 def make_config_handlers(
@@ -493,10 +474,10 @@ def make_config_handlers(
             camera.set_tilt_deg(config.sensor.tilt_deg)
 
     def recorder(config: Config) -> None:
-        dependencies.recorder.configure(config.recorder)
+        dependencies.opened.recorder.configure(config.recorder)
 
     def mapper(config: Config) -> None:
-        dependencies.mapper.configure(config.map)
+        dependencies.opened.mapper.configure(config.map)
 
     return {
         "sensor.led": lambda config: camera.set_led(config.sensor.led),

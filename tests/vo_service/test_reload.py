@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from drivers.camera import Led
 from drivers.core import InputError
 from tests.vo_service.fakes import ScriptedCamera, ScriptedOdometry
-from vo_service.app import ServiceDependencies, make_config_handlers
+from vo_service.app import OutputSet, ServiceDependencies, make_config_handlers
 from vo_service.config import RELOADABLE_KEYS, Config, ConfigReloader, diff_configs, read_config
 from vo_service.control import LoadShedder
 
@@ -118,6 +118,6 @@ def test_a_wrong_command_line_does_not_stop_the_service() -> None:
 
 def test_every_live_key_has_a_handler() -> None:
     handlers = make_config_handlers(
-        ScriptedCamera(), ScriptedOdometry(), LoadShedder([]), ServiceDependencies([])
+        ScriptedCamera(), ScriptedOdometry(), LoadShedder([]), ServiceDependencies(OutputSet())
     )
     assert set(handlers) == set(RELOADABLE_KEYS)

@@ -18,6 +18,7 @@ from drivers.registry import open_camera
 from vo_service.app import (
     OutputsConfig,
     ServiceDependencies,
+    apply_changes,
     build_live_service,
     make_velocity_commands,
     make_velocity_subscription,
@@ -68,6 +69,7 @@ from vo_service.signals import (
     stop_on_signals,
 )
 from vo_service.terminal import Terminal, set_log_level
+from vo_service.types.commands import ReloadConfig
 from vo_service.types.outputs import Output
 from vo_service.wheel_odometry.wheel_odometry import WheelOdometrySource
 
@@ -183,27 +185,28 @@ def _serve(
     ):
         loggers: list[Output] = [systemd, StateLogOutput(), ProgressOutput(terminal, "run", None)]
         dependencies = ServiceDependencies(
-            outputs=[*opened.outputs, sensor_memory, *loggers],
+            opened=opened,
+            more_outputs=[sensor_memory, *loggers],
             command_queue=command_queue,
-            recorder=opened.recorder,
-            mapper=opened.mapper,
             sensor_memory=sensor_memory,
             wheel_odometry=wheel_odometry,
-            viewers=opened.viewers,
             warning_sources=[reloader, velocities],
             add_scan=open_scans(config, outputs_config),
             on_command_config=commands.configure,
         )
-        live = build_live_service(config, camera, dependencies)
+        service, handlers = build_live_service(config, camera, dependencies)
 
         def reload() -> None:
             with systemd.notify_reloading():
-                command_queue.submit_internal(live.make_reload_command(reloader.reload()))
+                changes = reloader.reload()
+                command_queue.submit_internal(
+                    ReloadConfig(partial(apply_changes, changes, handlers))
+                )
 
         # Without --config, SIGHUP means that the terminal was closed.
         on_reload = stop.request if request.config is None else reload
-        run_on_loop_thread(live.service.run, stop, reload_signal, on_reload)
-        if reason := live.service.statistics.failure_reasons.no_motion_reason:
+        run_on_loop_thread(service.run, stop, reload_signal, on_reload)
+        if reason := service.statistics.failure_reasons.no_motion_reason:
             logger.warning("%s: %s", camera.name, reason)
 
 

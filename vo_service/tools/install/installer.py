@@ -114,7 +114,7 @@ class Installer:
             UserFacingError: Systemd fails.
             OSError: A file cannot be removed.
         """
-        self._systemd.disable_all(self._root)
+        self._systemd.disable_all()
         drop_ins = sorted((self._root / UNIT_FOLDER).glob(f"kinect-vo*.service.d/{DROP_IN}"))
         for path in [*(self._root / file.path for file in list_unit_files()), *drop_ins]:
             self._report_removed(path, remove_file(path))

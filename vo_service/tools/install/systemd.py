@@ -119,10 +119,10 @@ class Systemd:
             raise UserFacingError(f"{error}; see: journalctl -u {unit.unit_name} -n 20")
         print_line(f"{unit.unit_name}: enabled and running")
 
-    def disable_all(self, root: Path) -> None:
+    def disable_all(self) -> None:
         """Stop and disable all units."""
         _run_or_raise("systemctl", "stop", UNIT_PATTERN, timeout_s=STOP_TIMEOUT_S)
-        for unit in list_enabled_units(root):
+        for unit in list_enabled_units(Path("/")):
             _run_or_raise("systemctl", "disable", unit)
 
     def reload_after_removal(self) -> None:
@@ -145,10 +145,10 @@ class OfflineSystemd:
         _run_or_raise("systemctl", f"--root={self._root}", "enable", unit.unit_name)
         print_line(f"{unit.unit_name}: enabled")
 
-    def disable_all(self, root: Path) -> None:
+    def disable_all(self) -> None:
         """Disable all units."""
-        for unit in list_enabled_units(root):
-            _run_or_raise("systemctl", f"--root={root}", "disable", unit)
+        for unit in list_enabled_units(self._root):
+            _run_or_raise("systemctl", f"--root={self._root}", "disable", unit)
 
     def reload_after_removal(self) -> None:
         """Do nothing: no unit runs."""

@@ -1,7 +1,7 @@
 """``kinect-vo devices``: list the connected sensors, with the --camera value of each."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 from drivers.registry import CAMERAS
 from vo_service.cli.options import Json
@@ -41,7 +41,7 @@ def run(request: DevicesRequest) -> int:
     """
     found = list_available_devices(probe_usb(), query_openni2())
     if request.json:
-        devices = [device.as_json() for device in found]
+        devices = [asdict(device) for device in found]
         print(json.dumps({"schema": 1, "devices": devices, "plugins": list(CAMERAS.plugins)}))
     else:
         rows = [

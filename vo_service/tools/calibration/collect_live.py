@@ -7,7 +7,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Protocol
 
 from drivers.calibration import (
     CAMERA_FILE_NAME,
@@ -28,6 +27,7 @@ from drivers.core import CameraError, InputError, UserFacingError
 from drivers.recording.frame_recorder import FrameRecorder
 from drivers.registry import open_camera
 from drivers.tum.writer import TumFolder
+from vo_service.outputs.rerun.preview import RerunPreview
 from vo_service.terminal import Terminal
 from vo_service.tools.calibration.board import Board, BoardCorners
 from vo_service.tools.calibration.collect_folder import (
@@ -92,14 +92,6 @@ class BoardPreviewFrame:
     advice: str
 
 
-class BoardPreview(Protocol):
-    """One place where the preview is shown."""
-
-    def show(self, item: BoardPreviewFrame) -> None:
-        """Show it, soon; never blocks."""
-        ...
-
-
 @dataclass(frozen=True)
 class LiveCollectionRequest:
     """Settings of a live collection: camera, number of views, output folder and viewers."""
@@ -114,7 +106,7 @@ class LiveCollectionRequest:
 def collect_live(
     board: Board,
     request: LiveCollectionRequest,
-    previews: Sequence[BoardPreview],
+    previews: Sequence[RerunPreview[BoardPreviewFrame]],
     terminal: Terminal,
     stop: threading.Event,
 ) -> CollectedViews:

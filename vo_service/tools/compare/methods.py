@@ -134,10 +134,6 @@ class UnavailableMethods:
     def __str__(self) -> str:
         return f"not available: {', '.join(self.methods)}; run: {self.package.install_command}"
 
-    def as_json(self) -> dict[str, object]:
-        """Return the entry for report.json."""
-        return {"methods": list(self.methods), "install": self.package.install_command}
-
 
 def find_unavailable_methods(names: Sequence[str]) -> list[UnavailableMethods]:
     """Return one entry per missing package."""

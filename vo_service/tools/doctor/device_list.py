@@ -1,7 +1,7 @@
 """The connected sensors, with the --camera value of each."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 from drivers.camera import is_serial
 from drivers.core import UserFacingError
@@ -21,7 +21,7 @@ _OPEN_ERROR_TEXTS = {
 
 @dataclass(frozen=True)
 class ListedDevice:
-    """One connected sensor.
+    """One connected sensor; the fields are those of --json, and stable.
 
     Attributes:
         camera: Value for --camera; "" if the sensor is not supported.
@@ -36,10 +36,6 @@ class ListedDevice:
     where: str
     serial: str
     error: str
-
-    def as_json(self) -> dict[str, str]:
-        """Return the fields for --json; the keys are stable."""
-        return asdict(self)
 
 
 def list_available_devices(

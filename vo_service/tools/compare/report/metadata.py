@@ -79,7 +79,10 @@ class ReportMetadata:
         return {
             "created": self.created.isoformat(timespec="seconds"),
             "methods": list(self.methods),
-            "left_out": [each.as_json() for each in self.unavailable],
+            "left_out": [
+                {"methods": list(each.methods), "install": each.package.install_command}
+                for each in self.unavailable
+            ],
             "against": self.reference_method,
             "every": list(self.frame_steps),
             "first_frames": self.max_frames,

@@ -5,7 +5,8 @@ recursive least squares with one unknown.
 """
 
 from collections import deque
-from typing import NamedTuple, Protocol
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,10 +22,8 @@ DIFFERENCE_S = 0.05
 MAX_PENDING = 16
 
 
-class YawRate(Protocol):
-    """The wheels' mean yaw rate between two stamps of theirs, rad/s; None if it is not known."""
-
-    def __call__(self, from_s: float, to_s: float) -> float | None: ...
+# The wheels' mean yaw rate between two stamps of theirs, rad/s; None if it is not known.
+YawRate = Callable[[float, float], float | None]
 
 
 class _Turn(NamedTuple):

@@ -113,48 +113,27 @@ def probe_stream(
 
 def _read_frames(camera: RgbdCamera, seconds: float) -> Iterator[RgbdFrame]:
     """Yield frames until the time is up. Raises _StreamStoppedError if no frames arrive."""
-    timeout = _FrameTimeout(camera)
-    end_s = float("inf")
+    reason, max_wait_s, end_s = "", MAX_START_S, float("inf")
+    timeout_s = time.monotonic() + max_wait_s
     while time.monotonic() < end_s:
         try:
             frame = camera.read(POLL_PERIOD_S)
         except FrameTimeout:
-            timeout.check()
+            status = camera.status
+            if status.reason and not status.is_preparing and not reason:
+                # The first reason is the cause; later ones are its consequences.
+                reason = status.reason
+                timeout_s = min(timeout_s, time.monotonic() + RECOVERY_TIMEOUT_S)
+                _log.info("%s: %s", status.state, reason)
+            if time.monotonic() > timeout_s:
+                raise _StreamStoppedError(reason or f"no frame within {max_wait_s:g} s") from None
             continue
         except EndOfStream:
             return
-        timeout.reset()
+        reason, max_wait_s = "", MAX_PAUSE_S
+        timeout_s = time.monotonic() + max_wait_s
         end_s = min(end_s, time.monotonic() + seconds)
         yield frame
-
-
-class _FrameTimeout:
-    """Timeout for the next frame, shorter once the camera reports a fault."""
-
-    def __init__(self, camera: RgbdCamera) -> None:
-        self._camera = camera
-        self._start(MAX_START_S)
-
-    def reset(self) -> None:
-        """Restart after a frame."""
-        self._start(MAX_PAUSE_S)
-
-    def _start(self, max_wait_s: float) -> None:
-        self._max_wait_s = max_wait_s
-        self._end_s = time.monotonic() + max_wait_s
-        self._reason = ""
-
-    def check(self) -> None:
-        """Raise _StreamStoppedError if the time is up."""
-        status = self._camera.status
-        reason = "" if status.is_preparing else status.reason
-        if reason and not self._reason:
-            # The first reason is the cause; later ones are its consequences.
-            self._reason = reason
-            self._end_s = min(self._end_s, time.monotonic() + RECOVERY_TIMEOUT_S)
-            _log.info("%s: %s", status.state, reason)
-        if time.monotonic() > self._end_s:
-            raise _StreamStoppedError(self._reason or f"no frame within {self._max_wait_s:g} s")
 
 
 def find_floor(frame: RgbdFrame) -> FloorPlane | None:

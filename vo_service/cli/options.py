@@ -31,8 +31,8 @@ def parse_playback_mode(text: str) -> PlaybackMode:
         ) from error
 
 
-def _number_parser(is_valid: Callable[[float], bool], error: str) -> Callable[[str], float]:
-    """Make the parser of a number; it raises ArgumentTypeError for a text that is not valid."""
+def _checked_number(is_valid: Callable[[float], bool], error: str) -> Callable[[str], float]:
+    """Make the parser of a number; it raises ArgumentTypeError unless `is_valid` accepts it."""
 
     def parse(text: str) -> float:
         try:
@@ -46,17 +46,17 @@ def _number_parser(is_valid: Callable[[float], bool], error: str) -> Callable[[s
     return parse
 
 
-parse_seconds = _number_parser(
+parse_seconds = _checked_number(
     lambda value: 0 < value < 1e9, "is not a duration: give seconds, more than 0"
 )
-parse_finite = _number_parser(lambda value: abs(value) < 1e11, "is not a number of seconds")
-parse_length_m = _number_parser(
+parse_finite = _checked_number(lambda value: abs(value) < 1e11, "is not a number of seconds")
+parse_length_m = _checked_number(
     lambda value: 0.001 <= value <= 1.0, "is out of range: give meters, such as 0.025 for 25 mm"
 )
-parse_height_m = _number_parser(
+parse_height_m = _checked_number(
     lambda value: 0.0 < value <= 100.0, "is not a height: give meters, more than 0"
 )
-parse_tilt_deg = _number_parser(
+parse_tilt_deg = _checked_number(
     lambda value: abs(value) <= 90.0, "is not a tilt: give degrees from -90 to 90"
 )
 

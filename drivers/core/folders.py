@@ -25,6 +25,7 @@ KERNEL_SOURCES = (
     "drivers/recording/odometry.py",
     "drivers/synthetic",
     "vo_service/depth_packing.py",
+    "vo_service/figures.py",
     "vo_service/frame_record.py",
     "vo_service/navigation",
     "vo_service/odometry",

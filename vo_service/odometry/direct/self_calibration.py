@@ -12,7 +12,7 @@ from math import exp, hypot, log
 import numpy as np
 
 from drivers.camera import PinholeCamera, RgbdFrame
-from drivers.core.geometry import Array
+from drivers.core.geometry import Array, inverse
 from vo_service.odometry.direct.alignment import align, uniform_weights
 from vo_service.odometry.direct.calibration import CalibrationFilter
 from vo_service.odometry.direct.calibration_equations import (
@@ -177,7 +177,7 @@ class SelfCalibratingOdometry:
         if found.is_clear:
             self._continue_from(found, self._search, told)
             if estimate.ok:
-                estimate = estimate.with_pose(self._tracker.T_world_camera)
+                estimate = _correct_pose(estimate, self._tracker.T_world_camera)
         self._is_search_needed = not found.is_clear and not is_fast
         self._search = None
         return estimate
@@ -346,6 +346,15 @@ def _told_sigmas_s(frame: RgbdFrame) -> Array:
     assert prior is not None
     # A value without error keeps its place by a tiny sigma.
     return np.maximum([prior.readout_sigma_s, prior.depth_offset_sigma_s], 1e-6)
+
+
+def _correct_pose(estimate: Estimate, T_world_camera: Array) -> Estimate:
+    """Replace the pose of an estimate; the correction is added to its covariance."""
+    correction = se3_log(np.ascontiguousarray(inverse(estimate.T_world_camera) @ T_world_camera))
+    return replace(
+        estimate.with_pose(T_world_camera),
+        covariance=estimate.covariance + np.outer(correction, correction),
+    )
 
 
 def _speed(velocity: Array) -> float:

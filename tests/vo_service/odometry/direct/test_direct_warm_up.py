@@ -34,6 +34,8 @@ KERNELS = [
 
 
 def test_every_stage_of_the_method_is_run_and_has_a_budget() -> None:
+    # The first time may also report the compilation of kernels.
+    warm_up("direct", lambda _: None)
     stages: list[str] = []
     assert warm_up("direct", stages.append) > 0
     assert set(stages) == set(STAGE_BUDGETS_MS["direct"])

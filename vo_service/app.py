@@ -39,7 +39,8 @@ from vo_service.outputs.zenoh.session_endpoints import (
     Subscribe,
     subscribe_to_nothing,
 )
-from vo_service.service import OdometryMethod, Service, ServiceInput, ServiceStatistics
+from vo_service.service import OdometryMethod, Service, ServiceInput
+from vo_service.service_statistics import ServiceStatistics
 from vo_service.signals import StopSignal
 from vo_service.terminal import set_log_level
 from vo_service.types.odometry import Odometry

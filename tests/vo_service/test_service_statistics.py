@@ -9,7 +9,7 @@ import pytest
 from drivers.camera import RgbdFrame
 from tests.vo_service.fakes import FakeClock, failed_estimate, good_estimate, make_frame
 from vo_service.odom_frame import OdomFrame, StampedFrame
-from vo_service.service import ServiceStatistics
+from vo_service.service_statistics import ServiceStatistics
 from vo_service.types.estimate import Estimate
 from vo_service.types.odometry_update import OdometryUpdate
 

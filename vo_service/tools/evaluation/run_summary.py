@@ -7,7 +7,7 @@ from typing import Any
 from drivers.camera import CameraCounters
 from drivers.core import InputError
 from drivers.core.geometry import Array, Trajectory
-from vo_service.service import ServiceStatistics
+from vo_service.service_statistics import ServiceStatistics
 from vo_service.terminal import format_columns, format_mm
 from vo_service.tools.evaluation.evaluation import EVALUATION_KEYS, Evaluation, evaluate
 from vo_service.types.estimate import OnlineFocalLength, OnlineTiming

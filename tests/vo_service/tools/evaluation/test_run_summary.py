@@ -18,7 +18,7 @@ from tests.vo_service.fakes import (
 )
 from tests.vo_service.service_loop import make_service
 from vo_service.frame_source import FrameSource
-from vo_service.service import ServiceStatistics
+from vo_service.service_statistics import ServiceStatistics
 from vo_service.tools.evaluation.run_summary import (
     LoopClosureSummary,
     RunSummary,

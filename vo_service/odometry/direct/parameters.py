@@ -172,8 +172,8 @@ MIN_PLANE_OBSERVABILITY = 12.0
 MIN_UNBIASED_OBSERVABILITY = 7.5
 # Factor for errors that are common to the whole image, which the residuals do not show.
 COVARIANCE_INFLATION = 2.0
-# Lower bound of the pose's sigmas, m and rad: errors of calibration and timing.
-MIN_POSE_SIGMAS = (1.3e-4, 1.3e-4)
+# Lower bound of the pose's sigmas, m and rad: errors of the lens and of the depth's registration.
+MIN_POSE_SIGMAS = (1.1e-4, 1.1e-4)
 
 # VIGNETTING
 # Sigma of the vignetting before any view, and its largest value.

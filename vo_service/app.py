@@ -4,7 +4,7 @@ A replay is `run_replay`; the service on a robot is `build_live_service`. Both r
 """
 
 import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from drivers.camera import Clock, PlaybackMode, RgbdCamera
-from drivers.core import CameraError, UserFacingError
+from drivers.core import CameraError, InputError, UserFacingError
 from drivers.core.geometry import T_BODY_CAMERA, Array
 from drivers.core.memory import release_memory
 from drivers.registry import make_reconnecting
@@ -142,6 +142,15 @@ class OutputSet:
     mapper: Mapper = field(default_factory=NullMapper)
 
 
+def check_files_differ(files: Iterable[Path | None]) -> None:
+    """Raise InputError if two outputs would be written to the same file; None is no file."""
+    seen: set[Path] = set()
+    for file in filter(None, files):
+        if file.resolve() in seen:
+            raise InputError(f"{file}: two outputs would be written to it; name another file")
+        seen.add(file.resolve())
+
+
 @contextmanager
 def open_outputs(config: OutputsConfig) -> Iterator[OutputSet]:
     """Open all outputs, and close them in reverse order.
@@ -151,6 +160,8 @@ def open_outputs(config: OutputsConfig) -> Iterator[OutputSet]:
     Raises:
         UserFacingError: If an output cannot be opened.
     """
+    rrd = {Path(target).resolve() for target in config.rerun.targets if target.endswith(".rrd")}
+    check_files_differ([*rrd, config.mcap, config.trajectory])
     with ExitStack() as stack:
         opened = OutputSet()
         outputs = opened.outputs

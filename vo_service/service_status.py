@@ -75,7 +75,7 @@ class StatusReporter:
             latency=self._statistics.make_latency_report(
                 STAGE_BUDGETS_MS.get(self._method_name, {})
             ),
-            map=self._map_report(last),
+            map=self._map_report(),
             recorder=RecorderReport(self._control.recording),
         )
 
@@ -137,12 +137,12 @@ class StatusReporter:
             inliers=estimate.inliers,
         )
 
-    def _map_report(self, last: OdometryUpdate | None) -> MapReport:
+    def _map_report(self) -> MapReport:
         mapper, snapshot = self._control.map_state, self._loop_closure.snapshot
         return MapReport(
             keyframes=snapshot.keyframes,
             loop_closures=snapshot.loop_closures,
-            is_localized=last.is_localized if last else snapshot.is_localized,
+            is_localized=snapshot.is_localized_in(self._odom_frame.epoch),
             mesh_keyframes=mapper.mesh_keyframes,
             saving=mapper.saving,
             saved=mapper.saved,

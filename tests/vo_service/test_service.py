@@ -26,8 +26,12 @@ from tests.vo_service.fakes import (
 from tests.vo_service.sample_map import FixedLoopClosure, make_map
 from tests.vo_service.service_loop import make_service, run_loop
 from vo_service import service as service_module
+from vo_service.control import Control
 from vo_service.frame_source import FrameSource, LiveSource, RecordedClock
+from vo_service.odom_frame import OdomFrame
 from vo_service.odometry.stage_timers import STAGE_BUDGETS_MS
+from vo_service.service_statistics import ServiceStatistics
+from vo_service.service_status import StatusReporter
 from vo_service.types.odometry_update import TrackingState
 
 
@@ -145,6 +149,17 @@ def test_a_map_of_an_earlier_epoch_is_not_localized() -> None:
             make_service(FrameSource(camera), [collector], loops=loops).run(threading.Event())
         assert collector.poses[0].is_localized == (epoch == 0)
         assert collector.statuses[-1].map.is_localized == (epoch == 0)
+
+
+def test_a_map_that_is_loaded_after_the_last_frame_is_not_localized() -> None:
+    camera, odom_frame = ScriptedCamera([]), OdomFrame()
+    loops, statistics = FixedLoopClosure(make_map(is_localized=False)), ServiceStatistics()
+    reporter = StatusReporter(
+        camera, "direct", odom_frame, Control(odom_frame, camera), loops, statistics
+    )
+    last = run_loop([make_frame(0)]).poses[-1]
+    assert last.is_localized
+    assert not reporter.make_status(last.state, "", (), last).map.is_localized
 
 
 def test_without_a_map_the_status_says_so() -> None:

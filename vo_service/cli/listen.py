@@ -19,7 +19,8 @@ from vo_service.cli.options import DEFAULT_PREFIX, ClientConfigFile, ClientPrefi
 from vo_service.cli.request import CommandRequest, flag, option
 from vo_service.client.connection import BackgroundConnection
 from vo_service.config_tables import DEFAULT_ENDPOINT, ZenohConfig, check_prefix
-from vo_service.outputs.zenoh.zenoh_config import check_endpoint
+from vo_service.outputs.zenoh.addresses import check_endpoint
+from vo_service.signals import EXIT_CODE_SIGINT, InterruptedBySignal, raise_on_signals
 
 EPILOG = """\
 examples:
@@ -152,10 +153,14 @@ def run(request: ListenRequest) -> int:
     check_endpoint(request.connect)
     plan = ZenohConfig(listen=(), connect=(request.connect,), config_file=request.config_file)
     try:
-        with closing(BackgroundConnection(plan, partial(listener.subscribe, prefix))):
+        # A script that starts it with `&` has SIGINT ignored unless it is handled.
+        with (
+            raise_on_signals(),
+            closing(BackgroundConnection(plan, partial(listener.subscribe, prefix))),
+        ):
             listener.run()
-    except KeyboardInterrupt:
-        pass
+    except InterruptedBySignal as interruption:
+        return 0 if interruption.exit_code == EXIT_CODE_SIGINT else interruption.exit_code
     return 0
 
 

@@ -144,11 +144,14 @@ def run(request: ReconstructionRequest) -> int:
         with stop.without_exceptions():  # the kernels run on this thread
             run_warm_up(warm_up_reconstruction, terminal, stop)
             loop_counts: dict[str, int] = {}
+            trajectory_file = request.output / TRAJECTORY_FILE
             if poses is None:
                 poses, loop_counts = track_recording(
                     request.folder, camera, config, request.loop_closure, terminal, stop
                 )
-                atomic_write(request.output / TRAJECTORY_FILE, format_trajectory(poses))
+                atomic_write(trajectory_file, format_trajectory(poses))
+            elif request.trajectory and request.trajectory.resolve() != trajectory_file.resolve():
+                trajectory_file.unlink(missing_ok=True)  # of an earlier map in this folder
             reconstructor = Reconstructor(volume, poses, previews)
             with camera, terminal.busy("fusing") as busy:
                 reconstructor.run(camera, stop.event, busy.progress_callback("frame"))

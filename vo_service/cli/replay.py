@@ -14,6 +14,7 @@ from drivers.core.write_errors import check_output_file
 from drivers.playback.camera import RecordingCamera
 from vo_service.app import (
     OutputsConfig,
+    check_files_differ,
     make_wheel_odometry,
     open_frames,
     open_outputs,
@@ -128,7 +129,7 @@ def run(request: ReplayRequest) -> int:
             frame has a pose.
     """
     config = at_pace(load_config(request.config, request), request.pace)
-    _check_not_overwriting_recording(request)
+    _check_not_overwriting(request)
     if request.optimized_trajectory is not None:
         check_output_file(request.optimized_trajectory)
     terminal = Terminal()
@@ -203,9 +204,11 @@ def _make_outputs_config(
     )
 
 
-def _check_not_overwriting_recording(request: ReplayRequest) -> None:
-    """Raise InputError if an output would be written over one of the recording's files."""
-    for path in (request.trajectory, request.optimized_trajectory, request.mcap):
+def _check_not_overwriting(request: ReplayRequest) -> None:
+    """Raise InputError if an output would be written over the recording or another output."""
+    outputs = request.trajectory, request.optimized_trajectory, request.mcap
+    check_files_differ(outputs)
+    for path in outputs:
         if path is not None and path.exists():
             recording = request.folder.resolve()
             is_listed = any(path.resolve().match(pattern) for pattern in RECORDING_FILES)

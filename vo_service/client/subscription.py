@@ -25,7 +25,8 @@ from vo_service.client.pose import (
     parse_pose_sample,
 )
 from vo_service.config_tables import DEFAULT_ENDPOINT, ZenohConfig, check_prefix
-from vo_service.outputs.zenoh.zenoh_config import MAX_MESSAGE_BYTES, check_endpoint
+from vo_service.outputs.zenoh.addresses import check_endpoint
+from vo_service.outputs.zenoh.zenoh_config import MAX_MESSAGE_BYTES
 from vo_service.types.messages import JsonObject, decode_message, parse_json_message
 
 logger = logging.getLogger(__name__)

@@ -95,7 +95,9 @@ class CertificateAuthority:
         """Raise InputError if a name is invalid, repeated or already has a certificate."""
         for count, name in enumerate(names):
             folder = self.folder / check_name(name)
-            if folder.exists() or name in names[:count]:
+            if name in names[:count]:
+                raise InputError(f"{name} is given twice; each certificate needs a name of its own")
+            if folder.exists():
                 raise InputError(
                     f"{folder} already exists, and keys are never overwritten; use another name, "
                     "or move that folder away"

@@ -62,7 +62,7 @@ def choose_format(path: Path, requested: str | None) -> OutputFormat:
     output_format = by_suffix if requested is None else OutputFormat(requested)
     if output_format in SUFFIXES:
         check_suffix(path, [SUFFIXES[output_format]])
-    elif requested is None and _FILE_SUFFIX.fullmatch(suffix):
+    elif suffix in SUFFIXES.values() or (requested is None and _FILE_SUFFIX.fullmatch(suffix)):
         raise InputError(
             f"{path}: would be a folder, but {suffix} is the suffix of a file; name FILE.mcap, or "
             "a folder without suffix"

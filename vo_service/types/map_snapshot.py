@@ -31,6 +31,13 @@ class MapSnapshot:
     is_localized: bool = True
     epoch: int = 0
 
+    def is_localized_in(self, epoch: int) -> bool:
+        """Whether the transform of an epoch's `odom` in the map is known; True without a map.
+
+        A map from before the epoch does not have it.
+        """
+        return self is NO_MAP or (self.is_localized and self.epoch == epoch)
+
     @property
     def keyframes(self) -> int:
         """Number of keyframes."""

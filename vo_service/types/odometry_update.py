@@ -73,12 +73,8 @@ class OdometryUpdate:
 
     @property
     def is_localized(self) -> bool:
-        """Whether the transform of this pose's `odom` in the map is known; True without a map.
-
-        A map from before the present epoch does not have it.
-        """
-        the_map = self.map
-        return the_map is NO_MAP or (the_map.is_localized and the_map.epoch == self.epoch)
+        """Whether the transform of this pose's `odom` in the map is known; True without a map."""
+        return self.map.is_localized_in(self.epoch)
 
 
 # Adds the scan to an update.

@@ -1,11 +1,13 @@
 """``listen`` in a process of its own against real publishers."""
 
 import json
+import os
 import signal
 import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,6 +23,7 @@ from drivers.ros_messages.navigation import (
 )
 from tests.forked_process import ForkedProcess
 from tests.ports import free_port
+from tests.vo_service.cli.cli_runner import KinectVo
 from tests.vo_service.client.fake_service import BLOCK
 from tests.waiting import wait_until
 from vo_service.cli import listen
@@ -210,6 +213,17 @@ def test_ctrl_c_ends_it_cleanly(endpoint: str) -> None:
     assert (output, errors, process.returncode) == ("", "", 0)
 
 
+def test_sigint_ends_it_where_a_shell_has_let_it_be_ignored(endpoint: str) -> None:
+    script = "kinect-vo listen --connect $0 & read line; kill -INT $!; wait $!"
+    arguments = ["bash", "-c", script, endpoint]
+    pipes: dict[str, Any] = dict.fromkeys(("stdin", "stderr"), subprocess.PIPE)
+    path = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+    with subprocess.Popen(arguments, text=True, env=path, **pipes) as shell:
+        assert "waiting" in read_line(shell)
+        assert shell.communicate("go\n", timeout=100) == (None, "")
+    assert shell.returncode == 0
+
+
 def test_a_closed_reader_ends_it_quietly(endpoint: str) -> None:
     with publisher(endpoint) as robot, listener(endpoint) as process:
         read_line(process)
@@ -219,6 +233,13 @@ def test_a_closed_reader_ends_it_quietly(endpoint: str) -> None:
         assert process.wait(100) == 0
         assert process.stderr is not None
         assert process.stderr.read() == ""
+
+
+@pytest.mark.parametrize("connect", ["nowhere", "tcp/127.0.0.1:99999", "tcp/127.0.0.1", "tcp/:1"])
+def test_what_is_no_endpoint_is_refused(connect: str, kinect_vo: KinectVo) -> None:
+    outcome = kinect_vo("listen", "--connect", connect)
+    assert outcome.code == 2
+    assert f"connect = {connect!r}: an endpoint is written PROTOCOL/ADDRESS:PORT" in outcome.err
 
 
 def test_an_unreadable_message_is_skipped(endpoint: str) -> None:

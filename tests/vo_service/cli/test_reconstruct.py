@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 from collections.abc import Callable
 from pathlib import Path
@@ -85,6 +86,19 @@ def test_without_a_trajectory_the_odometry_runs_and_its_trajectory_is_written(
         read_trajectory(tmp_path / "trajectory.txt").T_world_camera[0], np.eye(4)
     )
     assert len(read_ply(tmp_path / "map.ply").triangles) == figures["triangles"] > 1000
+
+
+@pytest.mark.slow
+def test_the_trajectory_of_an_earlier_map_does_not_stay_beside_one_of_other_poses(
+    recording: Path, tmp_path: Path, kinect_vo: KinectVo
+) -> None:
+    (tmp_path / "trajectory.txt").write_text("of an earlier map\n")
+    truth = recording / "groundtruth.txt"
+    assert kinect_vo("reconstruct", recording, truth, "--output", tmp_path, *COARSE).code == 0
+    assert not (tmp_path / "trajectory.txt").exists()
+    given = Path(shutil.copy(truth, tmp_path / "trajectory.txt"))
+    assert kinect_vo("reconstruct", recording, given, "--output", tmp_path, *COARSE).code == 0
+    assert given.read_bytes() == truth.read_bytes()
 
 
 def test_loop_closure_with_a_given_trajectory_is_rejected(

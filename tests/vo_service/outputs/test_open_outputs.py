@@ -72,7 +72,9 @@ def test_the_log_has_only_the_addresses_of_active_outputs(free_port: int) -> Non
     with socket.create_server(("127.0.0.1", free_port)), open_outputs(request):
         assert lines == []
     with open_outputs(request):
-        assert lines == [f"poses: kinect/odom at tcp/127.0.0.1:{free_port} (kinect-vo listen)"]
+        endpoint = f"tcp/127.0.0.1:{free_port}"
+        command = f"kinect-vo listen --connect {endpoint}"
+        assert lines == [f"poses: kinect/odom at {endpoint} ({command})"]
 
 
 def test_the_endpoint_of_a_zenoh_file_is_logged(free_port: int, tmp_path: Path) -> None:
@@ -83,7 +85,9 @@ def test_the_endpoint_of_a_zenoh_file_is_logged(free_port: int, tmp_path: Path) 
         PlaybackMode.REALTIME, ZenohConfig(config_file=file), log_line=lines.append
     )
     with open_outputs(request):
-        assert lines == [f"poses: kinect/odom at tcp/127.0.0.1:{free_port} (kinect-vo listen)"]
+        endpoint = f"tcp/127.0.0.1:{free_port}"
+        command = f"kinect-vo listen --connect {endpoint}"
+        assert lines == [f"poses: kinect/odom at {endpoint} ({command})"]
 
 
 def test_waiting_for_a_subscriber_times_out(free_port: int) -> None:

@@ -245,6 +245,9 @@ def test_a_name_that_could_not_be_read_is_refused(
     for name in ("y.db3", "x.MP4", "x.tar.gz"):
         with pytest.raises(InputError, match=r"is the suffix of a file; name FILE.mcap"):
             choose_format(Path(name), None)
+    for name in ("y.mcap", "y.bag"):
+        with pytest.raises(InputError, match=r"is the suffix of a file; name FILE.mcap"):
+            choose_format(Path(name), "ros2")
     for name in ("desk", "2026-11-26T10.30.05", "shelf_1.5m", ".hidden"):
         assert choose_format(Path(name), None) is OutputFormat.FOLDER
     folder = copy_recording()

@@ -79,7 +79,7 @@ class FlightRecorder(ProcessOutput[UpdateWithWheels | StampedStatus, RecorderWor
         self._wheel_messages = wheel_messages
         self.recording = self._saving_name = self._process_fault = ""
         self._recording_names: frozenset[str] = frozenset()
-        self._missed_frames = 0
+        self._missed_frames = self._recording_begin = 0
         self._incident_faults, self._recording_faults, self._folder_faults = (
             FaultReporter(NAME) for _ in range(3)
         )
@@ -133,7 +133,8 @@ class FlightRecorder(ProcessOutput[UpdateWithWheels | StampedStatus, RecorderWor
             self._recording_names, self._missed_frames = self._recording_names | {name}, 0
             self._recording_faults.set("")
             self.recording = str(self._config.recordings_folder / name)
-            self._client.send(StartRecordingRequest(name, self.frame_count))
+            self._recording_begin = self.frame_count
+            self._client.send(StartRecordingRequest(name, self._recording_begin))
             return self.recording
 
     def stop_recording(self) -> str:
@@ -142,6 +143,9 @@ class FlightRecorder(ProcessOutput[UpdateWithWheels | StampedStatus, RecorderWor
             if not folder:
                 raise NotPossibleError("nothing is being recorded")
             self._client.send(StopRecordingRequest(self.frame_count))
+            if self.frame_count == self._recording_begin:
+                self._recording_names -= {Path(folder).name}
+                raise NotPossibleError("no frame has arrived since its start: nothing was recorded")
             return folder
 
     def configure(self, settings: RecorderConfig) -> None:

@@ -10,13 +10,16 @@ from typing import Any
 import zenoh
 
 from vo_service.config_tables import ZenohConfig
-from vo_service.outputs.zenoh.zenoh_config import build_zenoh_config
+from vo_service.outputs.zenoh.zenoh_config import build_zenoh_config, endpoint_error
 
 # Link settings may follow: tls/robot1.local:7451?rel=1#iface=eth0.
 _ENDPOINT = re.compile(
     r"(?P<protocol>[\w-]+)/(?P<host>\[[^\]]+\]|[^:\[\]?#]+):(?P<port>[0-9]{1,5})(\?.*)?(#.*)?"
 )
 ENCRYPTED_PROTOCOLS = ("tls", "quic")
+_UNENCRYPTED = ("tcp", "udp", "ws")
+# The one protocol without a port that the Python package of Zenoh has.
+_SOCKET_FILE_PROTOCOL = "unixsock-stream"
 
 
 @dataclass(frozen=True)
@@ -54,6 +57,22 @@ def parse_endpoint(text: str) -> Endpoint:
     if match is None:
         return Endpoint(text, "", "")
     return Endpoint(match["protocol"], match["host"].strip("[]"), match["port"])
+
+
+def is_endpoint(text: str) -> bool:
+    """Whether a text has a protocol that Zenoh may use here, and a possible port."""
+    if text.partition("/")[0] == _SOCKET_FILE_PROTOCOL:
+        return True
+    endpoint = parse_endpoint(text)
+    return (
+        endpoint.protocol in (*_UNENCRYPTED, *ENCRYPTED_PROTOCOLS) and int(endpoint.port) <= 65535
+    )
+
+
+def check_endpoint(endpoint: str) -> None:
+    """Raise InputError if a client's parameter `connect` is not an endpoint."""
+    if not is_endpoint(endpoint):
+        raise endpoint_error(f"connect = {endpoint!r}")
 
 
 def configured_endpoints(settings: zenoh.Config, key: str) -> list[str]:

@@ -12,7 +12,7 @@ import zenoh
 
 from drivers.core import UserFacingError
 from drivers.core.queues import BlockingQueue, BoundedQueue, DropOldestQueue, WorkerThread
-from vo_service.config_tables import ZenohConfig
+from vo_service.config_tables import DEFAULT_ENDPOINT, ZenohConfig
 from vo_service.outputs.zenoh.addresses import (
     connect_endpoints,
     is_connected_to_any,
@@ -139,7 +139,13 @@ def _open_logged_session(config: ZenohConfig) -> zenoh.Session:
 
 def describe(config: ZenohConfig) -> str:
     """Describe where a session can be reached, for people."""
-    return f"{', '.join(session_endpoints(config))} (kinect-vo listen)"
+    endpoints, command = session_endpoints(config), "kinect-vo listen"
+    if config.prefix != ZenohConfig.prefix:
+        command += f" --prefix {config.prefix}"
+    # Over TLS it needs the certificates of a reader.
+    if DEFAULT_ENDPOINT not in endpoints and endpoints[:1] and endpoints[0].startswith("tcp/"):
+        command += f" --connect {endpoints[0]}"
+    return f"{', '.join(endpoints)} ({command})"
 
 
 class _RouterMonitor:

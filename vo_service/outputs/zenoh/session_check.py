@@ -14,15 +14,11 @@ from vo_service.outputs.zenoh.addresses import (
     ENCRYPTED_PROTOCOLS,
     configured_endpoints,
     exposed_endpoints,
-    parse_endpoint,
+    is_endpoint,
     requires_client_certificates,
 )
 from vo_service.outputs.zenoh.session import open_with_shared_memory
 from vo_service.outputs.zenoh.zenoh_config import build_zenoh_config
-
-_UNENCRYPTED = ("tcp", "udp", "ws")
-# The one protocol without a port that the Python package of Zenoh has.
-_SOCKET_FILE_PROTOCOL = "unixsock-stream"
 
 
 def check_session_config(config: ZenohConfig) -> str:
@@ -59,10 +55,7 @@ def check_session_config(config: ZenohConfig) -> str:
 
 def _find_endpoint_fault(text: str) -> str:
     """Return why a text is not an endpoint; "" if it is one."""
-    if text.partition("/")[0] == _SOCKET_FILE_PROTOCOL:
-        return ""
-    endpoint = parse_endpoint(text)
-    if endpoint.protocol in (*_UNENCRYPTED, *ENCRYPTED_PROTOCOLS) and int(endpoint.port) <= 65535:
+    if is_endpoint(text):
         return ""
     return (
         f"{json.dumps(text)} is not an endpoint; write PROTOCOL/ADDRESS:PORT, such as "

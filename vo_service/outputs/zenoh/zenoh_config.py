@@ -133,19 +133,12 @@ def _set_value(settings: zenoh.Config, key: str, value: object) -> None:
     except zenoh.ZError:
         # Zenoh's error names its own source files.
         name = key.split("/")[0]
-        text = str(_endpoint_error(f"zenoh.{name} = {json.dumps(value)}"))
+        text = str(endpoint_error(f"zenoh.{name} = {json.dumps(value)}"))
         raise FieldError(("zenoh", name), text) from None
 
 
-def check_endpoint(endpoint: str) -> None:
-    """Raise InputError if a client's parameter `connect` is not an endpoint."""
-    try:
-        zenoh.Config().insert_json5("connect/endpoints", json.dumps([endpoint]))
-    except zenoh.ZError:
-        raise _endpoint_error(f"connect = {endpoint!r}") from None
-
-
-def _endpoint_error(setting: str) -> InputError:
+def endpoint_error(setting: str) -> InputError:
+    """Make the error of a setting that is not an endpoint."""
     return InputError(
         f"{setting}: an endpoint is written PROTOCOL/ADDRESS:PORT, such as {DEFAULT_ENDPOINT}"
     )

@@ -89,7 +89,8 @@ def test_a_replay_uses_the_default_port_if_it_is_free(
     free_port: int, default_endpoint: str
 ) -> None:
     with closing(ZenohOutput(config(free_port), LIVE_QOS, ConnectOnFreePort)) as output:
-        assert output.description == f"kinect/odom at {default_endpoint} (kinect-vo listen)"
+        command = f"kinect-vo listen --connect {default_endpoint}"
+        assert output.description == f"kinect/odom at {default_endpoint} ({command})"
         with connected_session(free_port) as session:
             wait_until(lambda: bool(query_json(session, "kinect/schema")))
 

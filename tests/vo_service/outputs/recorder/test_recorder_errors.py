@@ -94,13 +94,6 @@ def test_impossible_requests_are_refused_with_the_reason(tmp_path: Path) -> None
         wait_for_incident(tmp_path, "command")
 
 
-def test_a_recording_without_a_frame_is_refused_when_it_ends(tmp_path: Path) -> None:
-    with running_recorder(tmp_path, SMALL) as recorder:
-        folder = recorder.start_recording("desk")
-        assert "no frame has arrived since its start" in command_error(recorder.stop_recording)
-        assert recorder.start_recording("desk") == folder
-
-
 def test_the_service_continues_without_memory_for_the_recorder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -105,11 +105,12 @@ def test_closing_the_service_completes_a_recording(tmp_path: Path) -> None:
     assert len(read_recording(folder)) == 4
 
 
-def test_a_recording_without_a_frame_creates_no_folder(tmp_path: Path) -> None:
+def test_a_recording_without_a_frame_creates_no_folder_and_says_so(tmp_path: Path) -> None:
     with running_recorder(tmp_path, SMALL) as recorder:
-        folder = Path(recorder.start_recording("nothing"))
-        recorder.stop_recording()
-    assert not folder.exists()
+        folder = recorder.start_recording("nothing")
+        assert "no frame has arrived since its start" in command_error(recorder.stop_recording)
+        assert recorder.start_recording("nothing") == folder
+    assert not Path(folder).exists()
 
 
 def test_a_name_that_is_taken_is_rejected(tmp_path: Path) -> None:

@@ -26,7 +26,7 @@ def test_the_purpose_of_each_file_is_printed(tmp_path: Path, kinect_vo: KinectVo
     [
         ((), "nothing to make"),
         (("--reader", "a/b"), "is not a valid certificate name"),
-        (("--reader", "same", "--operator", "same"), "already exists"),
+        (("--reader", "same", "--operator", "same"), "same is given twice"),
         (("--reader", "fine", "--days", "0"), "is not a number of days"),
         (("--host", "bad host"), "is not a valid certificate name"),
     ],

@@ -139,13 +139,13 @@ def _open_logged_session(config: ZenohConfig) -> zenoh.Session:
 
 def describe(config: ZenohConfig) -> str:
     """Describe where a session can be reached, for people."""
-    endpoints, command = session_endpoints(config), "kinect-vo listen"
+    endpoints, command = session_endpoints(config), ["kinect-vo listen"]
     if config.prefix != ZenohConfig.prefix:
-        command += f" --prefix {config.prefix}"
+        command += ["--prefix", config.prefix]
     # Over TLS it needs the certificates of a reader.
     if DEFAULT_ENDPOINT not in endpoints and endpoints[:1] and endpoints[0].startswith("tcp/"):
-        command += f" --connect {endpoints[0]}"
-    return f"{', '.join(endpoints)} ({command})"
+        command += ["--connect", endpoints[0]]
+    return f"{', '.join(endpoints)} ({' '.join(command)})"
 
 
 class _RouterMonitor:

@@ -4,7 +4,7 @@ A replay is `run_replay`; the service on a robot is `build_live_service`. Both r
 """
 
 import logging
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
@@ -142,9 +142,17 @@ class OutputSet:
     mapper: Mapper = field(default_factory=NullMapper)
 
 
-def check_files_differ(files: Iterable[Path | None]) -> None:
-    """Raise InputError if two outputs would be written to the same file; None is no file."""
-    seen: set[Path] = set()
+def check_files_differ(rerun: RerunConfig, *files: Path | None) -> None:
+    """Check the outputs before anything is written.
+
+    Args:
+        rerun: With the targets of the viewer.
+        files: The other files; None is no file.
+
+    Raises:
+        InputError: Two outputs would be written to the same file.
+    """
+    seen = {Path(target).resolve() for target in rerun.targets if target.endswith(".rrd")}
     for file in filter(None, files):
         if file.resolve() in seen:
             raise InputError(f"{file}: two outputs would be written to it; name another file")
@@ -160,8 +168,6 @@ def open_outputs(config: OutputsConfig) -> Iterator[OutputSet]:
     Raises:
         UserFacingError: If an output cannot be opened.
     """
-    rrd = {Path(target).resolve() for target in config.rerun.targets if target.endswith(".rrd")}
-    check_files_differ([*rrd, config.mcap, config.trajectory])
     with ExitStack() as stack:
         opened = OutputSet()
         outputs = opened.outputs

@@ -43,6 +43,7 @@ from vo_service.cli.options import (
 )
 from vo_service.cli.request import CommandRequest, flag, option
 from vo_service.config import Config
+from vo_service.config_tables import RerunConfig
 from vo_service.frame_source import FrameSource
 from vo_service.outputs.progress import ProgressOutput
 from vo_service.outputs.trajectory.trajectory_file import TrajectoryRecorder
@@ -129,7 +130,7 @@ def run(request: ReplayRequest) -> int:
             frame has a pose.
     """
     config = at_pace(load_config(request.config, request), request.pace)
-    _check_not_overwriting(request)
+    _check_not_overwriting(request, config.rerun)
     if request.optimized_trajectory is not None:
         check_output_file(request.optimized_trajectory)
     terminal = Terminal()
@@ -204,10 +205,10 @@ def _make_outputs_config(
     )
 
 
-def _check_not_overwriting(request: ReplayRequest) -> None:
+def _check_not_overwriting(request: ReplayRequest, rerun: RerunConfig) -> None:
     """Raise InputError if an output would be written over the recording or another output."""
     outputs = request.trajectory, request.optimized_trajectory, request.mcap
-    check_files_differ(outputs)
+    check_files_differ(rerun, *outputs)
     for path in outputs:
         if path is not None and path.exists():
             recording = request.folder.resolve()

@@ -20,6 +20,7 @@ from vo_service.app import (
     ServiceDependencies,
     apply_changes,
     build_live_service,
+    check_files_differ,
     make_velocity_commands,
     make_velocity_subscription,
     make_wheel_odometry,
@@ -130,6 +131,7 @@ def run(request: RunServiceRequest) -> int:
     config = request.load()
     set_log_level(config.log.level)
     trajectory = request.trajectory
+    check_files_differ(config.rerun, trajectory, request.mcap or config.outputs.mcap)
     if trajectory is not None and trajectory.is_file():
         with creating(trajectory):  # rename that of an earlier run to FILE-0001 and so on
             rotate_file(trajectory, max_files=sys.maxsize)

@@ -207,12 +207,13 @@ def test_a_bag_is_not_overwritten_by_its_own_outputs(
     assert file.read_bytes() == before
 
 
-@pytest.mark.parametrize("other", ["--mcap", "--optimized-trajectory", "--rerun"])
+@pytest.mark.parametrize("one", ["--trajectory", "--rerun"])
+@pytest.mark.parametrize("other", ["--mcap", "--optimized-trajectory"])
 def test_two_outputs_to_one_file_are_refused(
-    copy_recording: CopyRecording, tmp_path: Path, kinect_vo: KinectVo, other: str
+    copy_recording: CopyRecording, tmp_path: Path, kinect_vo: KinectVo, one: str, other: str
 ) -> None:
     file = tmp_path / "out.rrd"
-    outcome = kinect_vo("replay", copy_recording(), "--trajectory", file, other, file)
+    outcome = kinect_vo("replay", copy_recording(), one, file, other, file)
     message = f"kinect-vo: error: {file}: two outputs would be written to it; name another file\n"
     assert (outcome.code, outcome.error_lines) == (2, message)
     assert not file.exists()

@@ -77,3 +77,17 @@ def test_a_closed_terminal_ends_the_service_and_an_older_trajectory_is_kept(
         process.send_signal(signal.SIGHUP)
         assert process.wait(100) == 0
     assert (tmp_path / "poses-0001.txt").read_text() == "precious"
+
+
+def test_two_outputs_to_one_file_are_refused_before_it_is_renamed(
+    recording: Path, tmp_path: Path, kinect_vo: KinectVo
+) -> None:
+    file = tmp_path / "poses.txt"
+    file.write_text("precious")
+    options = ("--no-publish", "--trajectory", file, "--mcap", file)
+    outcome = kinect_vo("run", "--camera", f"tum:{recording}", *options)
+    message = f"kinect-vo: error: {file}: two outputs would be written to it; name another file\n"
+    assert (outcome.code, outcome.error_lines) == (2, message)
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [
+        ("poses.txt", "precious")
+    ]

@@ -10,9 +10,9 @@ from drivers.camera import PlaybackMode
 from drivers.core import InputError, UserFacingError
 from tests.vo_service.outputs.sample_updates import make_update
 from vo_service.app import OutputsConfig, open_outputs
-from vo_service.config_tables import RerunConfig, ZenohConfig
+from vo_service.config_tables import DEFAULT_ENDPOINT, RerunConfig, ZenohConfig
 from vo_service.outputs.trajectory.trajectory_file import TrajectoryFileOutput
-from vo_service.outputs.zenoh.output import ConnectWithRetry, ZenohOutput
+from vo_service.outputs.zenoh.output import ConnectWithRetry, ZenohOutput, describe
 
 pytestmark = pytest.mark.zenoh
 
@@ -75,6 +75,13 @@ def test_the_log_has_only_the_addresses_of_active_outputs(free_port: int) -> Non
         endpoint = f"tcp/127.0.0.1:{free_port}"
         command = f"kinect-vo listen --connect {endpoint}"
         assert lines == [f"poses: kinect/odom at {endpoint} ({command})"]
+
+
+def test_the_command_that_reads_the_poses_has_their_prefix(free_port: int) -> None:
+    at_default = ZenohConfig(prefix="robot1")
+    assert describe(at_default) == f"{DEFAULT_ENDPOINT} (kinect-vo listen --prefix robot1)"
+    over_tls = ZenohConfig(listen=(f"tls/127.0.0.1:{free_port}",))
+    assert describe(over_tls).endswith("(kinect-vo listen)")
 
 
 def test_the_endpoint_of_a_zenoh_file_is_logged(free_port: int, tmp_path: Path) -> None:

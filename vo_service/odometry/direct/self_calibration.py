@@ -117,11 +117,13 @@ class SelfCalibratingOdometry:
         A wrong focal length changes the motion since the reference about in proportion; a wrong
         timing changes it by the `timing_errors` of its view.
         """
-        tracked = self._tracker.last_frame
-        if not estimate.ok or tracked is None:
+        if not estimate.ok:
             return estimate
         motion = se3_log(np.ascontiguousarray(estimate.T_reference_camera))
-        by_calibration = np.column_stack([tracked.timing_errors, motion]) * self._learned.errors
+        # Features and wheels give a pose without an alignment.
+        tracked = self._tracker.last_frame
+        timing_errors = np.zeros((6, 2)) if tracked is None else tracked.timing_errors
+        by_calibration = np.column_stack([timing_errors, motion]) * self._learned.errors
         return replace(estimate, covariance=estimate.covariance + by_calibration @ by_calibration.T)
 
     @property
@@ -148,13 +150,14 @@ class SelfCalibratingOdometry:
     ) -> Estimate:
         """Search for the timing once there is motion or tracking fails.
 
-        Returns the estimate, with the pose by the timing that has been found.
-
         Args:
             frame: The frame as it was tracked.
             told: The frame as it came from the camera.
             estimate: Its estimate.
             before: The good frame before it, or the first keyframe.
+
+        Returns:
+            The estimate, with the pose by the timing if that has been found.
         """
         if self._learned.is_certain:
             self._search, self._is_search_needed = None, False

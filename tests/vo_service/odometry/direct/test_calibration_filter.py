@@ -66,6 +66,14 @@ def test_a_timing_that_fits_no_better_is_refused_until_it_does() -> None:
     assert not learned.timing_trial.is_refused
 
 
+def test_a_value_that_is_refused_counts_with_its_distance_from_the_best_estimate() -> None:
+    learned = filter_of(WIDE)
+    np.testing.assert_array_equal(learned.errors, learned.sigmas)
+    add(learned, 80, view_of(TRUE), best=np.zeros(3))
+    assert (learned.errors[TIMING] > 0.9 * TRUE).all()
+    assert (learned.sigmas[TIMING] < 0.3 * TRUE).all()
+
+
 def test_a_focal_length_that_no_longer_fits_better_is_taken_back() -> None:
     learned = filter_of(NARROW)
     add(learned, 160, view_of(np.zeros(2), 0.03))

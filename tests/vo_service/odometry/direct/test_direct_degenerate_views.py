@@ -1,5 +1,7 @@
 """Degenerate views are tracked for a short time, and reported."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -47,6 +49,22 @@ def test_degenerate_views_after_the_first_frame_are_as_uncertain_as_the_unknown_
         off = inverse(estimate.T_world_camera) @ fast.pose_at(k / 30)
         sigma_m = np.sqrt(np.linalg.eigvalsh(estimate.covariance[:3, :3])[-1])
         assert np.linalg.norm(off[:3, 3]) < 3.0 * sigma_m
+
+
+def test_a_jump_towards_a_wall_in_the_dark_is_lost() -> None:
+    """Something that moves before the camera looks like that."""
+    odometry = DirectOdometry()
+    wall = [add_noise(render_view(BRISK, k / 30, (WALL,)), k) for k in range(6)]
+    estimate_all(odometry, wall[:4])
+    dark, jumped = remove_color(wall[4]), MovingCamera(T_world_start=BRISK.pose_at(5 / 30))
+    jumped.T_world_start[2, 3] += 0.15
+    frame = add_noise(render_view(jumped, 0.0, (WALL,), paint=0.0), 5)
+    moved, lost = estimate_all(odometry, [dark, remove_color(replace(frame, stamp_s=5 / 30))])
+    assert (moved.ok, moved.reason) == (True, REASON)
+    assert (lost.ok, lost.reason) == (
+        False,
+        "degenerate view: the motion contradicts that of the last frames",
+    )
 
 
 @pytest.mark.slow

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivers.camera import RgbdFrame
+from drivers.camera import RgbdFrame, TimingPrior, TimingSource
 from drivers.core.geometry import Array, inverse, rigid_transform, so3_exp
 from tests.vo_service.odometry.direct.rolling_shutter_views import (
     FLOOR,
@@ -23,13 +23,17 @@ from vo_service.odometry.direct.keyframe import make_keyframe
 from vo_service.odometry.direct.motion import se3_log, zero_motion
 from vo_service.odometry.direct.motion_state import MotionState
 from vo_service.odometry.direct.odometry import DirectOdometry
-from vo_service.odometry.direct.parameters import MAX_SQUARED_POSE_DIFFERENCE
+from vo_service.odometry.direct.parameters import (
+    FOCAL_PRIOR_SIGMA,
+    MAX_SQUARED_POSE_DIFFERENCE,
+)
 from vo_service.odometry.direct.quality import TrackingResult
 from vo_service.odometry.direct.recovery import (
     FeatureSearch,
     KeyframeMatch,
     rejection_reason_after,
 )
+from vo_service.odometry.direct.self_calibration import SelfCalibratingOdometry
 from vo_service.odometry.features.extractor import SurfExtractor
 
 INTERVAL_S = 0.6
@@ -86,6 +90,17 @@ def test_a_rare_frame_without_an_alignment_takes_the_pose_by_features() -> None:
     # It is a keyframe, which the next frame is aligned with.
     assert next_dark.ok
     assert_close(next_dark.T_world_camera, turned(2 * STEP_RAD), 0.02, 0.6)
+
+
+def test_a_pose_by_features_has_the_uncertain_focal_length_in_its_covariance() -> None:
+    told = TimingPrior(0.0, 0.0, 0.0, TimingSource.CAMERA_FILE)
+    frames = [replace(frame, timing_prior=told) for frame in (view(0), darkened(view(1)))]
+    unsure = estimate_all(SelfCalibratingOdometry(DirectOdometry()), frames)[1]
+    exact = estimate_all(DirectOdometry(), frames)[1]
+    assert unsure.reason.startswith("features only: ")
+    motion = se3_log(np.ascontiguousarray(unsure.T_reference_camera))
+    added = FOCAL_PRIOR_SIGMA**2 * np.outer(motion, motion)
+    np.testing.assert_allclose(unsure.covariance - exact.covariance, added, atol=1e-12)
 
 
 @pytest.mark.parametrize(("interval_s", "is_followed"), [(0.07, False), (0.1, True)])

@@ -19,6 +19,7 @@ from tests.vo_service.odometry.direct.swinging_camera import (
     SwingingCamera,
     swinging_frames,
 )
+from vo_service.odometry.direct.motion import se3_log
 from vo_service.odometry.direct.odometry import DirectOdometry
 from vo_service.odometry.direct.self_calibration import SelfCalibratingOdometry
 from vo_service.odometry.registry import make_odometry
@@ -69,6 +70,20 @@ def test_the_frame_that_completes_the_search_has_the_pose_that_tracking_continue
     for frame in swinging_frames(READOUT_S, DELAY_S)[:8]:
         estimate = odometry.estimate(frame)
         np.testing.assert_array_equal(estimate.T_world_camera, odometry.tracker.T_world_camera)
+
+
+def test_the_correction_of_that_pose_is_in_its_covariance() -> None:
+    """Until then the poses are those of a camera without rolling shutter."""
+    frames = swinging_frames(READOUT_S, DELAY_S)[:8]
+    plain = DirectOdometry()
+    for estimate, frame in zip(learn(frames), frames, strict=True):
+        uncorrected = plain.estimate(frame)
+        if not np.array_equal(estimate.T_world_camera, uncorrected.T_world_camera):
+            break
+    step = se3_log(inverse(uncorrected.T_world_camera) @ estimate.T_world_camera)
+    added = estimate.covariance - uncorrected.covariance - np.outer(step, step)
+    assert np.linalg.norm(step[:3]) > 0.003
+    assert np.linalg.eigvalsh(added).min() > -1e-9
 
 
 def test_another_sensor_starts_with_its_own_prior() -> None:

@@ -17,7 +17,7 @@ import numpy as np
 
 from drivers.freenect.conversion import load_kernels
 from drivers.synthetic.renderer import warm_up_renderer
-from vo_service.depth_packing import compile_kernels
+from vo_service.frame_packing import compile_kernels
 from vo_service.kernels.argument_types import to_json
 from vo_service.kernels.kernel_list import KERNEL_FILE
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC, build_image_pyramid
@@ -49,7 +49,7 @@ def part_runs() -> dict[str, Callable[[], object]]:
         "direct": partial(run_direct, methods["direct"]),
         "Kinect": load_kernels,
         "virtual Kinect": warm_up_renderer,
-        "depth packing": compile_kernels,
+        "frame packing": compile_kernels,
         "loop closure": partial(run_warm_up_frames, StationaryOdometry),
         "reconstruction": partial(reconstruct_wall, ignore),
         "scan": RobotScanner.warm_up,

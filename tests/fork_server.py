@@ -37,7 +37,7 @@ def load() -> None:
     from tests.warm_ups import skip_repeated_warm_ups
     from vo_service.cli.kernels import prepare_kernels
     from vo_service.config import Config
-    from vo_service.depth_packing import compile_kernels
+    from vo_service.frame_packing import compile_kernels
     from vo_service.reconstruction.warm_up import warm_up_reconstruction
     from vo_service.signals import StopSignal
     from vo_service.slam import synchronous_loop_closure

@@ -1,34 +1,26 @@
-"""Records in shared memory: a frame with its update, and back.
+"""Records of frames in shared memory: their format, and how they are read.
 
-Depth is packed without loss to about half the size, in a quarter of a millisecond: the code is made
-for speed. Each pixel takes one byte: its difference from the previous pixel with a reading. A
-difference that does not fit takes two more bytes in a second part (the escapes). A Kinect's depth
-takes 1.0 to 1.1 bytes per pixel.
+Images are packed without loss. `frame_packing` writes them.
+
+- Depth has one byte per pixel: the difference from the previous pixel with a reading. A difference
+  that does not fit takes two more bytes in a second part (the escapes). A Kinect's depth takes 1.0
+  to 1.1 bytes per pixel.
+- A Kinect's color image is computed from a Bayer mosaic of one byte per pixel, which is kept
+  instead. An image that is not exactly that of its mosaic is copied.
 """
 
 import pickle
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import accumulate
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera, RgbdFrame, TimingPrior
 from drivers.core.geometry import Array
-from drivers.core.process.record_ring import RecordRingWriter, RingRecord
+from drivers.core.process.record_ring import RingRecord
 from drivers.recording.odometry import OdometryRecord
-from vo_service.types.odometry_update import OdometryUpdate, TrackingState
-
-# Upper bounds; the only text in the metadata is the reason, beside the messages of the wheels. One
-# has 750 bytes.
-MAX_ODOMETRY_BYTES = 16_384
-MAX_METADATA_BYTES = 4096 + MAX_ODOMETRY_BYTES
-ODOMETRY_OVERHEAD_BYTES = 64
-_MAX_REASON_CHARS = 200
-
-# Packs a depth image into the start of a buffer, and returns the number of bytes used.
-PackDepth = Callable[[NDArray[np.uint16], NDArray[np.uint8]], int]
+from vo_service.types.odometry_update import TrackingState
 
 
 @dataclass(frozen=True)
@@ -62,7 +54,7 @@ class FrameMetadata:
 
     Attributes:
         published: The published part of its update.
-        depth_bytes: Length of the packed depth, bytes; the color image follows it.
+        depth_bytes: Length of the packed depth, bytes; the packed color follows it.
         extra: Further data of the writer, such as the mapper's; None = none.
         odometry: Messages of the wheels before the frame, with published stamps.
     """
@@ -88,32 +80,6 @@ class FrameMetadata:
         return self.published.stamp_s - self.stamp_s
 
 
-def write_frame(
-    ring: RecordRingWriter,
-    update: OdometryUpdate,
-    pack: PackDepth,
-    extra: object = None,
-    odometry: Sequence[OdometryRecord] = (),
-) -> None:
-    """Copy a frame into the ring.
-
-    Args:
-        extra: Further data for the metadata; it is pickled.
-        odometry: Messages of the wheels; the newest `MAX_ODOMETRY_BYTES` are kept.
-
-    Raises:
-        OSError: If there is not enough memory for the frame.
-    """
-    frame = update.frame
-    bound = 2 * frame.depth_raw.size + frame.color_bgr.nbytes + MAX_METADATA_BYTES
-    buffer = ring.reserve(bound, frame.stamp_s)
-    depth_bytes = pack(frame.depth_raw, buffer)
-    length = depth_bytes + frame.color_bgr.nbytes
-    buffer[depth_bytes:length].reshape(frame.color_bgr.shape)[:] = frame.color_bgr
-    metadata = pickle.dumps(_make_metadata(update, depth_bytes, extra, _newest(odometry)))
-    ring.commit(length, metadata, bound, frame.stamp_s)
-
-
 def decode_metadata(metadata: bytes) -> FrameMetadata:
     """Decode the metadata of a frame's record."""
     decoded: FrameMetadata = pickle.loads(metadata)
@@ -129,12 +95,11 @@ def decode_frame(record: RingRecord, clock_offset_s: float) -> RgbdFrame:
     """
     metadata = decode_metadata(record.metadata)
     width, height = metadata.camera.width, metadata.camera.height
-    color = np.frombuffer(record.payload, np.uint8, offset=metadata.depth_bytes)
     return RgbdFrame(
         seq=metadata.seq,
         stamp_s=metadata.stamp_s + clock_offset_s,
         receive_time_s=metadata.receive_time_s,
-        color_bgr=color.reshape(height, width, 3),
+        color_bgr=unpack_color(record.payload[metadata.depth_bytes :], height, width),
         depth_raw=unpack_depth(record.payload[: metadata.depth_bytes], height, width),
         depth_factor=metadata.depth_factor,
         camera=metadata.camera,
@@ -143,45 +108,6 @@ def decode_frame(record: RingRecord, clock_offset_s: float) -> RgbdFrame:
         gravity_m_s2=metadata.gravity_m_s2,
         readout_s=metadata.readout_s,
         timing_prior=metadata.timing_prior,
-    )
-
-
-def _newest(odometry: Sequence[OdometryRecord]) -> Sequence[OdometryRecord]:
-    """Return the newest messages that have a place in the metadata."""
-    sizes = accumulate(len(each.message) + ODOMETRY_OVERHEAD_BYTES for each in reversed(odometry))
-    count = sum(size <= MAX_ODOMETRY_BYTES for size in sizes)
-    return tuple(odometry[len(odometry) - count :])
-
-
-def _make_metadata(
-    update: OdometryUpdate, depth_bytes: int, extra: object, odometry: Sequence[OdometryRecord]
-) -> FrameMetadata:
-    frame = update.frame
-    published = PublishedOdometry(
-        seq=update.seq,
-        stamp_s=update.stamp_s,
-        state=update.state,
-        reason=update.reason[:_MAX_REASON_CHARS],
-        epoch=update.epoch,
-        has_pose=update.estimate.ok,
-        inliers=update.estimate.inliers,
-        T_world_camera=update.T_world_camera,
-    )
-    return FrameMetadata(
-        seq=frame.seq,
-        stamp_s=frame.stamp_s,
-        receive_time_s=frame.receive_time_s,
-        depth_factor=frame.depth_factor,
-        camera=frame.camera,
-        skew_s=frame.skew_s,
-        lost_packets=frame.lost_packets,
-        gravity_m_s2=frame.gravity_m_s2,
-        readout_s=frame.readout_s,
-        timing_prior=frame.timing_prior,
-        published=published,
-        depth_bytes=depth_bytes,
-        extra=extra,
-        odometry=odometry,
     )
 
 
@@ -217,6 +143,41 @@ def unpack_depth(packed: bytes, height: int, width: int) -> NDArray[np.uint16]:
     depth = np.zeros(pixels, np.uint16)
     depth[has_reading] = np.cumsum(steps[has_reading], dtype=np.uint16)
     return depth.reshape(height, width)
+
+
+def unpack_color(packed: bytes, height: int, width: int) -> NDArray[np.uint8]:
+    """Unpack a (height, width, 3) uint8 image, bit for bit.
+
+    Args:
+        packed: What `pack_color` wrote.
+        height: Rows.
+        width: Columns.
+    """
+    image = np.frombuffer(packed, np.uint8)
+    if image.size == 3 * height * width:
+        return image.reshape(height, width, 3)
+    return _demosaic(image.reshape(height, width))
+
+
+def _demosaic(mosaic: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Do the same as `drivers.freenect.bayer.demosaic`, without its compiled kernel."""
+    pixels = np.pad(mosaic, 1, mode="reflect").astype(np.uint16)
+    vertical = (pixels[:-2] + pixels[2:]) >> 1  # the mean of the pixels above and below
+    diagonal = (vertical[:, :-2] + vertical[:, 2:]) >> 1
+    vertical = vertical[:, 1:-1]
+    horizontal = (pixels[1:-1, :-2] + pixels[1:-1, 2:]) >> 1
+    cross = (horizontal + vertical) >> 1
+    color_bgr = np.empty((*mosaic.shape, 3), np.uint8)
+    even, odd = slice(0, None, 2), slice(1, None, 2)
+    for rows, columns, blue_green_red in (
+        (even, even, (vertical, mosaic, horizontal)),
+        (even, odd, (diagonal, cross, mosaic)),
+        (odd, even, (mosaic, cross, diagonal)),
+        (odd, odd, (horizontal, mosaic, vertical)),
+    ):
+        for channel, values in enumerate(blue_green_red):
+            color_bgr[rows, columns, channel] = values[rows, columns]
+    return color_bgr
 
 
 def max_packed_bytes(pixels: int) -> int:

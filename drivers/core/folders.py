@@ -24,7 +24,7 @@ KERNEL_SOURCES = (
     "drivers/recording/image_encoding.py",
     "drivers/recording/odometry.py",
     "drivers/synthetic",
-    "vo_service/depth_packing.py",
+    "vo_service/frame_packing.py",
     "vo_service/figures.py",
     "vo_service/frame_record.py",
     "vo_service/navigation",

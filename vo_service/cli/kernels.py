@@ -49,7 +49,7 @@ def first_parts(config: Config, source: str) -> list[str]:
     """List the parts whose kernels the first pose needs; other processes compile their own."""
     parts = [config.odometry.method]
     if config.has_recorder or config.map.enabled:
-        parts += ["depth packing"]
+        parts += ["frame packing"]
     if config.scan.enabled:
         parts += ["scan"]
     return [*parts, CAMERA_PARTS[source]] if source in CAMERA_PARTS else parts

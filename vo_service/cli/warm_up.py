@@ -105,7 +105,7 @@ def _used_parts(config: Config) -> list[str]:
     if config.map.enabled:
         parts += ["reconstruction", "loop closure"]
     if config.has_recorder or config.map.enabled:
-        parts += ["depth packing"]
+        parts += ["frame packing"]
     if config.camera.source == "synthetic":
         parts += ["virtual Kinect"]
     return parts

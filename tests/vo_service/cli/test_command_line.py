@@ -90,7 +90,7 @@ def test_warm_up_with_first_compiles_only_what_the_first_pose_needs(
     compiled: list[str] = []
     monkeypatch.setattr(warm_up, "compile_kernels", lambda parts, *_: compiled.extend(parts))
     assert kinect_vo("warm-up", "--first").code == 0
-    assert compiled == ["direct", "depth packing", "virtual Kinect"]
+    assert compiled == ["direct", "frame packing", "virtual Kinect"]
 
 
 def test_warm_up_for_an_unknown_processor_is_one_line(kinect_vo: KinectVo) -> None:

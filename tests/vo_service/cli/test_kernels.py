@@ -69,9 +69,9 @@ def test_a_plug_in_is_run_on_generated_frames_before_the_first_one(
     ("source", "part"), [("freenect", ["Kinect"]), ("synthetic", ["virtual Kinect"]), ("tum:x", [])]
 )
 def test_the_first_pose_needs_the_kernels_of_its_camera(source: str, part: list[str]) -> None:
-    assert first_parts(Config(), source) == ["direct", "depth packing", *part]
+    assert first_parts(Config(), source) == ["direct", "frame packing", *part]
 
 
 def test_a_scan_of_each_frame_has_its_kernels_compiled_with_progress() -> None:
     config = Config(scan=ScanConfig(enabled=True))
-    assert first_parts(config, "tum:x") == ["direct", "depth packing", "scan"]
+    assert first_parts(config, "tum:x") == ["direct", "frame packing", "scan"]

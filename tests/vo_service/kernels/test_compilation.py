@@ -12,7 +12,7 @@ from vo_service.kernels import compilation
 from vo_service.kernels.compilation import ensure_compiled, find_callees, process_count
 from vo_service.kernels.kernel_list import read_kernel_list
 
-PART = "depth packing"  # which has one kernel
+PART = "frame packing"  # which has two kernels
 
 
 @pytest.fixture
@@ -35,8 +35,8 @@ def ignore(_progress: str) -> None:
 def test_kernels_are_compiled_once(empty_cache: Path) -> None:
     progress: list[str] = []
     ensure_compiled([PART], progress.append)
-    assert list(empty_cache.rglob("depth_packing._pack*.nbc"))
-    assert progress[0] == "0 of 1"
+    assert list(empty_cache.rglob("frame_packing._pack_steps*.nbc"))
+    assert progress[0] == "0 of 2"
     ensure_compiled([PART], pytest.fail)
 
 

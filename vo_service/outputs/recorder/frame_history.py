@@ -10,8 +10,7 @@ import numpy as np
 
 from drivers.core.files import MEGABYTE
 from drivers.core.process.record_ring import RecordRingWriter
-from vo_service.depth_packing import compile_kernels, pack_depth
-from vo_service.frame_record import write_frame
+from vo_service.frame_packing import compile_kernels, write_frame
 from vo_service.types.messages import Status
 from vo_service.types.odometry_update import UpdateWithWheels
 
@@ -57,7 +56,7 @@ class FrameHistory:
             OSError: If there is no memory.
         """
         if isinstance(item, UpdateWithWheels):
-            write_frame(self.frames, item.update, pack_depth, odometry=item.wheel_messages)
+            write_frame(self.frames, item.update, odometry=item.wheel_messages)
         else:
             self._put_status(item, missed)
 

@@ -11,8 +11,7 @@ from drivers.core.process.record_ring import RecordRingWriter
 from drivers.core.process.worker_spec import WorkerSpec
 from drivers.core.queues import DropOldestQueue
 from vo_service.config_tables import MapConfig, ScanConfig
-from vo_service.depth_packing import compile_kernels, pack_depth
-from vo_service.frame_record import write_frame
+from vo_service.frame_packing import compile_kernels, write_frame
 from vo_service.process_output import FaultReporter, ProcessOutput, warn_disabled
 from vo_service.slam.keyframe_selection import (
     ConstraintAccumulator,
@@ -172,7 +171,7 @@ class LiveMapper(ProcessOutput[_QueueItem, MapperWorkerConfig]):
         update, attachment = item
         in_odom = replace(update, T_world_camera=update.T_odom_camera)
         with self._writing_memory("a keyframe"):
-            write_frame(self._ring, in_odom, pack_depth, attachment)
+            write_frame(self._ring, in_odom, attachment)
 
     def _handle_message(self, message: MapperMessage) -> None:
         match message:

@@ -11,8 +11,7 @@ import pytest
 from drivers.core.process.record_ring import RecordRingReader, RecordRingWriter, RingRecord
 from tests.drivers.tum.read_recording import read_recording
 from tests.vo_service.outputs.recorder.recorder_inputs import make_update
-from vo_service.depth_packing import pack_depth
-from vo_service.frame_record import write_frame
+from vo_service.frame_packing import write_frame
 from vo_service.outputs.recorder import incidents as incident_module
 from vo_service.outputs.recorder.incidents import IncidentWriter, select_last_frames
 from vo_service.outputs.recorder.messages import RecorderMessage, RecorderWorkerConfig
@@ -26,7 +25,7 @@ def frames() -> Iterator[RecordRingWriter]:
     """A ring of twenty frames."""
     writer = RecordRingWriter("trial", 5.0, 1 << 22)
     for seq in range(FRAMES):
-        write_frame(writer, make_update(seq), pack_depth)
+        write_frame(writer, make_update(seq))
     yield writer
     writer.close()
 

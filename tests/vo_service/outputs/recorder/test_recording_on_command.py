@@ -26,8 +26,7 @@ from tests.vo_service.outputs.recorder.recorder_inputs import (
 )
 from tests.waiting import wait_until
 from vo_service.config_tables import RecorderConfig
-from vo_service.depth_packing import pack_depth
-from vo_service.frame_record import write_frame
+from vo_service.frame_packing import write_frame
 from vo_service.outputs.recorder import worker as recording_module
 from vo_service.outputs.recorder.messages import RecordingResult
 from vo_service.outputs.recorder.worker import RecordingWriter
@@ -154,7 +153,7 @@ class _Ring:
     def record(self, frames: int) -> RecordingResult:
         """Fill the ring, then record it; return the result."""
         for seq in range(frames):
-            write_frame(self.writer, make_update(seq), pack_depth)
+            write_frame(self.writer, make_update(seq))
         RecordingWriter(self.reader, 0, self.folder, self.results.append).stop(frames)
         return self.results[-1]
 

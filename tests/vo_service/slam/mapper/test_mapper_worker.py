@@ -18,8 +18,7 @@ from tests.vo_service.slam.corner_trajectory import (
     true_pose,
 )
 from tests.vo_service.slam.mapper.wall_sequence import COARSE
-from vo_service.depth_packing import pack_depth
-from vo_service.frame_record import write_frame
+from vo_service.frame_packing import write_frame
 from vo_service.mapper_process import fuse_keyframes
 from vo_service.slam.keyframe_selection import OdometryConstraint
 from vo_service.slam.map_file import write_map
@@ -57,7 +56,7 @@ def put(
 ) -> None:
     """Write the n-th keyframe, in an `odom` frame with any pose."""
     seen = replace(make_update(n, state), T_world_camera=T_odom_start @ odometry_pose(n))
-    write_frame(ring, seen, pack_depth, attachment)
+    write_frame(ring, seen, attachment)
 
 
 def take_in(worker: LoopClosureWorker, ring: RecordRingWriter) -> None:
@@ -158,12 +157,10 @@ def test_after_a_reset_no_result_is_in_the_previous_odom(
     loops.on_update(before)
     loops.on_update(after)
     loops.query(render_corner(true_pose(2), 2))
-    write_frame(ring, replace(before, T_world_camera=before.T_odom_camera), pack_depth, CONSTRAINT)
+    write_frame(ring, replace(before, T_world_camera=before.T_odom_camera), CONSTRAINT)
     if is_place:  # otherwise it was too unsure to be one
-        write_frame(
-            ring, replace(after, T_world_camera=after.T_odom_camera), pack_depth, CONSTRAINT
-        )
-    write_frame(ring, relocalize[0], pack_depth, RelocalizationQuery())
+        write_frame(ring, replace(after, T_world_camera=after.T_odom_camera), CONSTRAINT)
+    write_frame(ring, relocalize[0], RelocalizationQuery())
     take_in(worker, ring)
     worker.answer_query()
     for message in received:

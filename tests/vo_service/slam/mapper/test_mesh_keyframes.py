@@ -13,8 +13,7 @@ from drivers.core.process.record_ring import RecordRingReader, RecordRingWriter
 from tests.vo_service.outputs.recorder import recorder_inputs
 from tests.vo_service.slam.mapper.wall_sequence import CAMERA
 from vo_service.config_tables import ScanConfig
-from vo_service.depth_packing import pack_depth
-from vo_service.frame_record import write_frame
+from vo_service.frame_packing import write_frame
 from vo_service.navigation.grid_mapper import GridMapper
 from vo_service.slam.keyframe_selection import STEP_M
 from vo_service.slam.mapper.mesh_keyframes import MeshKeyframe, MeshKeyframeStore
@@ -48,7 +47,7 @@ def test_depth_is_lossless_and_color_nearly(ring: RecordRingWriter) -> None:
     update = recorder_inputs.make_update(3)
     smooth = np.full_like(update.frame.color_bgr, (40, 80, 160))
     update = replace(update, frame=replace(update.frame, color_bgr=smooth))
-    write_frame(ring, update, pack_depth)
+    write_frame(ring, update)
     record = RecordRingReader(ring.memory).read_record(0)
     assert record is not None
     keyframe = MeshKeyframe.from_record(record, AnchoredPose(None, np.eye(4)), GRID_MAPPER)

@@ -1,4 +1,4 @@
-"""Depth comes out of its packing as it went in, and smaller where it can."""
+"""Images come out of their packing as they went in, and smaller where they can."""
 
 import numpy as np
 import pytest
@@ -7,10 +7,12 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from vo_service.depth_packing import pack_depth
-from vo_service.frame_record import max_packed_bytes, unpack_depth
+from drivers.freenect.bayer import demosaic
+from vo_service.frame_packing import pack_color, pack_depth
+from vo_service.frame_record import max_packed_bytes, unpack_color, unpack_depth
 
 Depth = NDArray[np.uint16]
+Mosaic = NDArray[np.uint8]
 
 shapes = st.tuples(st.integers(1, 12), st.integers(1, 12))
 compiles = settings(deadline=None)  # the first time
@@ -24,6 +26,17 @@ def packed(depth: Depth) -> bytes:
     assert length <= max_packed_bytes(depth.size)
     assert np.all(out[-8:] == 0xA5)
     return out[:length].tobytes()
+
+
+def image_of(mosaic: Mosaic) -> NDArray[np.uint8]:
+    color_bgr = np.empty((*mosaic.shape, 3), np.uint8)
+    demosaic(mosaic, color_bgr)
+    return color_bgr
+
+
+def packed_color(color_bgr: NDArray[np.uint8]) -> bytes:
+    out = np.empty(color_bgr.nbytes, np.uint8)
+    return out[: pack_color(color_bgr, out)].tobytes()
 
 
 @compiles
@@ -53,3 +66,37 @@ def test_pure_noise_is_stored_uncompressed() -> None:
 def test_a_non_contiguous_image_is_restored(view: tuple[slice, slice]) -> None:
     depth = np.random.default_rng(0).integers(900, 1000, (48, 64), np.uint16)[view]
     np.testing.assert_array_equal(unpack_depth(packed(depth), *depth.shape), depth)
+
+
+even_shapes = st.tuples(st.integers(1, 6), st.integers(1, 6)).map(lambda n: (2 * n[0], 2 * n[1]))
+mosaics = even_shapes.flatmap(lambda shape: arrays(np.uint8, shape))
+
+
+@compiles
+@given(mosaics)
+def test_the_image_of_a_mosaic_takes_a_byte_per_pixel(mosaic: Mosaic) -> None:
+    color_bgr = image_of(mosaic)
+    packed = packed_color(color_bgr)
+    assert packed == mosaic.tobytes()
+    np.testing.assert_array_equal(unpack_color(packed, *mosaic.shape), color_bgr)
+
+
+@compiles
+@given(mosaics, st.data())
+def test_an_image_that_differs_from_its_mosaic_anywhere_is_copied(
+    mosaic: Mosaic, data: st.DataObject
+) -> None:
+    color_bgr = image_of(mosaic)
+    y, x, channel = (data.draw(st.integers(0, size - 1)) for size in color_bgr.shape)
+    is_of_mosaic = channel == [[1, 2], [0, 1]][y % 2][x % 2]
+    color_bgr[y, x, channel] ^= 1
+    packed = packed_color(color_bgr)
+    assert (packed == color_bgr.tobytes()) or is_of_mosaic
+    np.testing.assert_array_equal(unpack_color(packed, *mosaic.shape), color_bgr)
+
+
+@compiles
+@given(shapes.flatmap(lambda shape: arrays(np.uint8, (*shape, 3))))
+def test_any_color_image_is_restored(color_bgr: NDArray[np.uint8]) -> None:
+    packed = packed_color(color_bgr)
+    np.testing.assert_array_equal(unpack_color(packed, *color_bgr.shape[:2]), color_bgr)

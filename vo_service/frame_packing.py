@@ -94,8 +94,9 @@ def pack_color(color_bgr: NDArray[np.uint8], out: NDArray[np.uint8]) -> int:
     """
     height, width = color_bgr.shape[:2]
     image = _read_only(color_bgr)
-    if extract_mosaic(image, out[: height * width].reshape(height, width)):
-        return height * width
+    mosaic = out[: height * width].reshape(height, width)
+    if extract_mosaic(image, mosaic):
+        return mosaic.size
     out[: image.size] = image.reshape(-1)
     return color_bgr.size
 

@@ -41,6 +41,14 @@ def test_a_command_that_computes_nothing_loads_no_heavy_library(arguments: tuple
     assert ended.stdout.splitlines()[-1] == "[] 0"
 
 
+def test_the_mapper_loads_no_sparse_solver_before_the_first_loop() -> None:
+    program = "import sys, vo_service.mapper_process; print('scipy.sparse' in sys.modules)"
+    ended = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert ended.stdout == "False\n"
+
+
 INTERRUPTED_EARLY = """
 import sys
 known = set(sys.modules)

@@ -2,18 +2,22 @@
 
 Grisetti, Kuemmerle, Stachniss and Burgard, "A tutorial on graph-based SLAM" (2010); damped after
 Levenberg and Marquardt. Loops have Cauchy's cost, so that wrong ones have little weight.
+
+SciPy takes 20 MB, so it is imported with the first loop.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array, diags_array
-from scipy.sparse.linalg import splu
 
 from drivers.core.geometry import Array
 from vo_service.slam.graph_edges import Edge
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 
 def invert_poses(T: Array) -> Array:
@@ -109,7 +113,7 @@ class _LinearizedGraph:
 
     T_map_keyframe: Array
     cost: float
-    H: csr_array
+    H: "csr_array"
     gradient: Array
 
 
@@ -155,6 +159,9 @@ def solve(T_map_keyframe: Array, measured: EdgeMeasurements, is_fixed: NDArray[n
 
 def _take_step(current: _LinearizedGraph, is_fixed: NDArray[np.bool_], damping: float) -> Array:
     """Poses after one damped step."""
+    from scipy.sparse import diags_array
+    from scipy.sparse.linalg import splu
+
     damped = current.H + diags_array(damping * current.H.diagonal())
     # Symmetric and positive definite: without pivoting the factor stays sparse.
     factor = splu(
@@ -215,8 +222,10 @@ def _jacobian_blocks(T_map_keyframe: Array, measured: EdgeMeasurements) -> Array
 
 def _sparse_jacobian(
     blocks: Array, measured: EdgeMeasurements, is_fixed: NDArray[np.bool_]
-) -> csr_array:
+) -> "csr_array":
     """(6 E, 6 free) matrix of blocks (E, 6, 12), without the columns of fixed poses."""
+    from scipy.sparse import csr_array
+
     rank = np.empty(len(is_fixed), np.int32)
     rank[np.argsort(is_fixed, kind="stable")] = np.arange(len(is_fixed), dtype=np.int32)
     first = 6 * rank[np.stack([measured.a, measured.b], axis=1)]

@@ -88,7 +88,7 @@ def loaded_signatures(run: Callable[[], object]) -> Signatures:
 
     loaded: Signatures = []
     cache_class: Any = caching.FunctionCache
-    load = cache_class.load_overload
+    load = cache_class._load_overload
 
     def load_and_list(cache: Any, arguments: Any, context: Any) -> Any:
         function = cache._py_func
@@ -96,7 +96,7 @@ def loaded_signatures(run: Callable[[], object]) -> Signatures:
         loaded.append((name, [to_json(argument) for argument in arguments]))
         return load(cache, arguments, context)
 
-    cache_class.load_overload = load_and_list
+    cache_class._load_overload = load_and_list
     run()
     return loaded
 

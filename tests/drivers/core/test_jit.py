@@ -92,6 +92,7 @@ def test_a_kernel_with_a_damaged_file_is_compiled_anew(
 
 
 CALLER = """
+import sys
 from program import double, kernel
 
 @kernel
@@ -100,12 +101,15 @@ def quadruple(x):
 
 double(3)  # loads it from the cache
 assert double._cache_hits
+assert "numba.core.typing.arraydecl" not in sys.modules  # the compiler is not prepared
 assert quadruple(3) == 12
 """
 
 
 @pytest.mark.subprocess
-def test_a_kernel_that_is_loaded_from_the_cache_can_be_called_by_a_new_one(tmp_path: Path) -> None:
+def test_a_loaded_kernel_prepares_no_compiler_and_can_be_called_by_a_new_one(
+    tmp_path: Path,
+) -> None:
     (tmp_path / "program.py").write_text(PROGRAM)
     (tmp_path / "caller.py").write_text(CALLER)
     environment = {name: text for name, text in os.environ.items() if name != "NUMBA_CACHE_DIR"}

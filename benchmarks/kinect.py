@@ -2,10 +2,9 @@
 
     python -m benchmarks kinect cost [--seconds 10] [--rounds 3]
     python -m benchmarks kinect paths FOLDER [--frames N]
-    python -m benchmarks kinect steps FOLDER [--frames 60] [--rounds 9]
     python -m benchmarks kinect stamp [--serial SERIAL] [--seconds 60]
 
-`cost`, `paths` and `steps` use a simulated Kinect with the real libfreenect, `stamp` a real one.
+`cost` and `paths` use a simulated Kinect with the real libfreenect, `stamp` a real one.
 """
 
 import argparse
@@ -17,25 +16,21 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from functools import partial
-from itertools import cycle, islice
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from benchmarks.harness import Table, Variants, measure_cpu_ms, median, option, run_in_turn
+from benchmarks.harness import Table, Variants, median, option, run_in_turn
 from benchmarks.led_timing import measure_stamp
 from benchmarks.processes import Load, LoadMeter
 from benchmarks.tracking import open_frames_with_truth
 from drivers.calibration import find_calibration, format_calibration
-from drivers.camera import Clock, PlaybackMode, RgbdFrame, SensorConfig, new_images
+from drivers.camera import Clock, PlaybackMode, SensorConfig
 from drivers.core.geometry import Trajectory, read_trajectory
-from drivers.core.memory import limit_freed_memory
-from drivers.core.process.record_ring import create_shared_memory
 from drivers.freenect.bindings import (
     CAMERA_ONLY,
     COLOR_BAYER,
@@ -46,34 +41,26 @@ from drivers.freenect.bindings import (
     load_library,
 )
 from drivers.freenect.camera import FreenectCamera
-from drivers.freenect.conversion import ImageConversion
 from drivers.freenect.sources import KinectSource
 from drivers.kinect_usb.motor_unit import MotorUnit
 from drivers.kinect_usb.usb_devices import find_kinect
-from drivers.rectify import Undistorter
 from drivers.subprocess_camera.camera import SubprocessCamera
-from drivers.subprocess_camera.frame_ring import SLOT_BYTES, SLOT_COUNT, FrameSlots
 from tests.simulators.fakenect_dump import write_fakenect_dump
 from tests.simulators.fixtures import FRAME_COUNT, pattern_frame
 from tests.simulators.frame_sources import folder_frames, write_fitted_usb_frames
 from tests.simulators.kinect_simulator import (
-    FACTORY,
     IDENTITY,
     KinectSimulator,
     LoopMode,
     write_usb_frames,
 )
 from tests.simulators.oni_writer import frames_to_oni_images, write_oni
-from tests.simulators.usb_frames import HEADER_BYTES, UsbFrames
 from tests.vo_service.service_process import KINECT_VO
 from vo_service.tools.evaluation.evaluation import evaluate
 
 WARM_UP_S = 2.0
 COLOR_BYTES, DEPTH_BYTES = 640 * 480, 640 * 480 * 11 // 8
 COST_TABLE = Table(12, "% of a core:12.2f", "ratio:8.2f")
-STEPS_TABLE = Table(32, "CPU ms:10.3f")
-TYPICAL_DISTORTION = (0.2, -0.5, 0.0, 0.0, 0.3)
-RawImage = NDArray[np.uint8]
 PATHS_TABLE = Table(22, "poses:6d", "ATE:9.2mm", "farthest:10.3mm")
 RATE_HZ = 30.0
 # The source has ended after this time without a pose.
@@ -115,12 +102,6 @@ def measure_bare_loop(seconds: float) -> float:
     return percent
 
 
-def measure_in_process(seconds: float) -> float:
-    """Measure the camera read in this process."""
-    with make_kinect_without_motor() as camera:
-        return _measure_load(lambda: camera.read(5.0), seconds).percent()
-
-
 def measure_subprocess(seconds: float) -> float:
     """Measure the process of a subprocess camera that this process reads."""
     camera = SubprocessCamera(
@@ -133,7 +114,6 @@ def measure_subprocess(seconds: float) -> float:
 
 DRIVERS: Mapping[str, Callable[[float], float]] = {
     "bare": measure_bare_loop,
-    "in process": measure_in_process,
     "isolated": measure_subprocess,
 }
 
@@ -166,10 +146,9 @@ def _repeat(step: Callable[[], object], seconds: float) -> None:
 def measure_cost(args: argparse.Namespace) -> None:
     """CPU time of the Kinect driver, compared with a bare libfreenect loop that copies each image.
 
-    All three variants run on the same simulated Kinect, one after another in separate processes,
-    after two seconds of warm-up. The simulator runs in the same process and costs the same each
-    time. `isolated` counts only the driver's process, with its frame ring. The loop converts no
-    image; `steps` has the time of the conversion.
+    Both run on the same simulated Kinect, one after another in separate processes, after two
+    seconds of warm-up. The simulator runs in the same process and costs the same each time.
+    `isolated` counts only the driver's process, with its frame ring. The loop converts no image.
     """
     with tempfile.TemporaryDirectory() as folder:
         frames = write_usb_frames(Path(folder), (pattern_frame(seq) for seq in range(FRAME_COUNT)))
@@ -294,73 +273,9 @@ def max_distance_m(estimated: Trajectory, reference: Trajectory) -> float:
     )
 
 
-def read_raw_images(frames: UsbFrames) -> list[tuple[RawImage, RawImage]]:
-    """Read color (480, 640) and packed depth (422400,) of all frames."""
-    depth_bytes, color_bytes = DEPTH_11_BIT_PACKED.shape[0], int(np.prod(COLOR_BAYER.shape))
-    data = np.fromfile(frames.file, np.uint8)[HEADER_BYTES:].reshape(frames.count, -1)
-    return [
-        (frame[depth_bytes : depth_bytes + color_bytes].reshape(COLOR_BAYER.shape), packed)
-        for frame, packed in zip(data, data[:, :depth_bytes].copy(), strict=True)
-    ]
-
-
-def make_steps(
-    frame: RgbdFrame, conversion: ImageConversion, raw_images: Sequence[tuple[RawImage, RawImage]]
-) -> Mapping[str, Callable[[], object]]:
-    """Make each step of the driver, and the one of the service, as a function of the next frame."""
-    undistorter = Undistorter(frame.camera, TYPICAL_DISTORTION)
-    slots = FrameSlots(create_shared_memory("benchmark", SLOT_COUNT * SLOT_BYTES))
-    colors, depths = (cycle(images) for images in zip(*raw_images, strict=True))
-    slot = cycle(range(SLOT_COUNT))
-    color_bgr, depth_mm = new_images(frame.camera.width, frame.camera.height)
-    slots.write(0, 0, frame)
-    return {
-        "color: Bayer mosaic to BGR": lambda: conversion.to_bgr(next(colors), color_bgr),
-        "depth: unpack, register, filter": lambda: conversion.to_mm(next(depths), depth_mm),
-        "undistort color (camera file)": lambda: undistorter.undistort_color(frame.color_bgr),
-        "undistort depth (camera file)": lambda: undistorter.undistort_depth(frame.depth_raw),
-        "make the frame": lambda: replace(frame),
-        "copy into shared memory": lambda: slots.write(next(slot), 0, frame),
-        "service: out of shared memory": lambda: slots.read(0),
-    }
-
-
-@option("folder", type=Path, help="TUM folder that a simulated Kinect plays")
-@option("--frames", type=int, default=60, help="number of frames")
-@option("--rounds", type=int, default=9, help="repetitions; the median counts")
-def measure_steps(args: argparse.Namespace) -> None:
-    """CPU time per frame of each step of the driver, on raw frames in a tight loop.
-
-    `cost` measures the whole driver: it also contains libfreenect and the simulated bus.
-    """
-    limit_freed_memory()  # as `run` does
-    with tempfile.TemporaryDirectory() as name:
-        frames = write_fitted_usb_frames(Path(name), folder_frames(args.folder, None, args.frames))
-        with KinectSimulator(Path(name), frames, registration=FACTORY) as kinect:
-            kinect.loop, kinect.waits_for_reader = LoopMode.THERE_AND_BACK, True
-            kinect.activate()
-            with make_kinect_without_motor() as camera:
-                frame, conversion = camera.read(5.0), camera._conversion
-            steps = make_steps(frame, conversion, read_raw_images(frames))
-            measure = {name: partial(_mean_ms, run, args.frames) for name, run in steps.items()}
-            ms = run_in_turn(measure, args.rounds)
-    print(STEPS_TABLE.head)
-    for step, measured in ms.items():
-        print(STEPS_TABLE.row(step, median(measured)))
-
-
-def _mean_ms(run: Callable[[], object], count: int) -> float:
-    def run_all() -> None:
-        for _ in range(count):
-            run()
-
-    return measure_cpu_ms(run_all)[1] / count
-
-
 VARIANTS: Variants = {
     "cost": measure_cost,
     "paths": compare_paths,
-    "steps": measure_steps,
     "stamp": measure_stamp,
 }
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from tests.resource_leaks import child_pids_of, proportional_memory_kb
+from tests.resource_leaks import child_pids_of
 
 
 @dataclass(frozen=True)
@@ -68,14 +68,19 @@ def descendants_of(process: int) -> list[int]:
 
 def proportional_mb(process: int) -> float:
     """Return the proportional set size of a process, MB."""
-    return proportional_memory_kb(process)[0] / 1e3
+    return _sizes_kb(process, "smaps_rollup")["Pss"] / 1e3
 
 
 def memory_mb(process: int, *kinds: str) -> float:
     """Return the sum of some kinds of memory of a process, MB: "VmRSS", "RssAnon" ..."""
-    status = Path(f"/proc/{process}/status").read_text()
-    sizes_kb = dict(re.findall(r"(?m)^(\w+):\s+(\d+) kB$", status))
-    return sum(int(sizes_kb[kind]) for kind in kinds) / 1e3
+    sizes_kb = _sizes_kb(process, "status")
+    return sum(sizes_kb[kind] for kind in kinds) / 1e3
+
+
+def _sizes_kb(process: int, file: str) -> dict[str, int]:
+    """Sizes of memory by kind, of a file of /proc."""
+    text = Path(f"/proc/{process}/{file}").read_text()
+    return {kind: int(size) for kind, size in re.findall(r"(?m)^(\w+):\s+(\d+) kB$", text)}
 
 
 def _cpu_s(process: int) -> float:

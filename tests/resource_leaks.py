@@ -90,17 +90,6 @@ def resident_memory_kb(process: int) -> int:
     return int(match[1])
 
 
-def proportional_memory_kb(process: int) -> tuple[int, int, int, int]:
-    """Proportional set size of a process in kB: all, and its private, file and shared pages."""
-    sizes = dict(
-        re.findall(r"^(\w+): +(\d+) kB", Path(f"/proc/{process}/smaps_rollup").read_text(), re.M)
-    )
-    every, anonymous, files, shared = (
-        int(sizes[name]) for name in ("Pss", "Pss_Anon", "Pss_File", "Pss_Shmem")
-    )
-    return every, anonymous, files, shared
-
-
 def is_alive(process: int) -> bool:
     """Whether a process runs; it need not be a child."""
     try:

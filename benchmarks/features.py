@@ -16,11 +16,11 @@ The scores follow Mikolajczyk and Schmid, "A Performance Evaluation of Local Des
 import argparse
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from math import sqrt
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -33,7 +33,8 @@ from drivers.core.geometry import Array
 from drivers.synthetic.camera import SyntheticCamera
 from drivers.synthetic.config import SyntheticConfig
 from drivers.tum.folder import read_frame_pairs
-from vo_service.odometry.features.extractor import SurfExtractor
+from vo_service.odometry.features.extractor import FeatureExtractor, Features, SurfExtractor
+from vo_service.tools.compare.baselines.frame_to_frame import MATCH_RATIO, OpenCvExtractor
 
 SYNTHETIC = SyntheticConfig(duration_s=18.0, rate_hz=1 / 3)  # six views, far apart
 TIMING_ROUNDS = 5
@@ -164,71 +165,16 @@ COUNT = 1000
 MAX_REPEAT_ERROR_PX = 2.0
 MAX_CORRECT_ERROR_PX = 3.0
 MAX_SCALE_RATIO = 1.5
-MATCH_RATIO = 0.8
+# Extractor and ratio of the test, by name. ORB's distance is that of vectors of bits, the root of
+# the number of different bits.
+METHODS: Mapping[str, tuple[FeatureExtractor, float]] = {
+    "SURF": (SurfExtractor(COUNT), MATCH_RATIO),
+    "SIFT": (OpenCvExtractor(cv2.SIFT.create, COUNT), MATCH_RATIO),
+    "ORB": (OpenCvExtractor(cv2.ORB.create, COUNT, binary=True), sqrt(MATCH_RATIO)),
+}
 
 
-@dataclass(frozen=True)
-class FeatureSet:
-    """Features of one image.
-
-    Attributes:
-        position_px: (N, 2) float64, (x, y).
-        scale_px: (N,) float64, in the method's own unit.
-        descriptor: (N, D), float32 for Euclidean distance or uint8 for Hamming distance.
-    """
-
-    position_px: NDArray[np.float64]
-    scale_px: NDArray[np.float64]
-    descriptor: NDArray[Any]
-
-    def __len__(self) -> int:
-        return len(self.position_px)
-
-    def select(self, chosen: NDArray[np.bool_]) -> "FeatureSet":
-        """The features of a mask (N,)."""
-        return FeatureSet(self.position_px[chosen], self.scale_px[chosen], self.descriptor[chosen])
-
-
-FeatureMethod = Callable[[Gray], FeatureSet]
-
-
-def make_surf(upright: bool = False) -> FeatureMethod:
-    """Make our SURF with the strongest 1000 features."""
-    extractor = SurfExtractor(COUNT, upright)
-
-    def extract(image: Gray) -> FeatureSet:
-        features = extractor.extract(image)
-        return FeatureSet(
-            features.position_px.astype(np.float64),
-            features.scale_px.astype(np.float64),
-            features.descriptor,
-        )
-
-    return extract
-
-
-def make_opencv_method(detector: cv2.Feature2D) -> FeatureMethod:
-    """Make a method from one of OpenCV's detectors."""
-
-    def extract(image: Gray) -> FeatureSet:
-        keypoints, descriptors = detector.detectAndCompute(image, np.ones_like(image))
-        position_px = np.array([k.pt for k in keypoints], np.float64).reshape(-1, 2)
-        scale_px = np.array([k.size for k in keypoints], np.float64)
-        return FeatureSet(position_px, scale_px, np.asarray(descriptors))
-
-    return extract
-
-
-def make_all_methods() -> dict[str, FeatureMethod]:
-    """Make the methods of the table, by name."""
-    return {
-        "SURF": make_surf(),
-        "SIFT": make_opencv_method(cv2.SIFT_create(COUNT)),  # type: ignore[attr-defined]
-        "ORB": make_opencv_method(cv2.ORB_create(COUNT)),  # type: ignore[attr-defined]
-    }
-
-
-def match(original: FeatureSet, changed: FeatureSet, ratio: float) -> NDArray[np.int64]:
+def match(original: Features, changed: Features, ratio: float) -> NDArray[np.int64]:
     """Match descriptors by brute force and the ratio test (Lowe 2004, Section 7.1).
 
     Returns:
@@ -236,10 +182,10 @@ def match(original: FeatureSet, changed: FeatureSet, ratio: float) -> NDArray[np
     """
     if len(original) == 0 or len(changed) < 2:
         return np.empty((0, 2), np.int64)
-    is_binary = original.descriptor.dtype == np.uint8
-    matcher = cv2.BFMatcher(cv2.NORM_HAMMING if is_binary else cv2.NORM_L2)
+    # The squared distances of vectors of bits are exact.
+    matcher, limit = cv2.BFMatcher(cv2.NORM_L2SQR), round(ratio**2, 6)
     two_nearest = matcher.knnMatch(original.descriptor, changed.descriptor, k=2)
-    pairs = [(a.queryIdx, a.trainIdx) for a, b in two_nearest if a.distance < ratio * b.distance]
+    pairs = [(a.queryIdx, a.trainIdx) for a, b in two_nearest if a.distance < limit * b.distance]
     return np.array(pairs, np.int64).reshape(-1, 2)
 
 
@@ -265,23 +211,27 @@ class FeatureScore:
         return len(self.errors_px)
 
 
-def score_features(original: FeatureSet, changed: FeatureSet, H: Array, size: Size) -> FeatureScore:
+def score_features(
+    original: Features, changed: Features, ratio: float, H: Array, size: Size
+) -> FeatureScore:
     """Compare the features of an image, (width, height), with those of its transformed version.
 
     `H` is the homography (3, 3) from pixels of the original to pixels of the transformed image.
     """
-    seen_again = is_inside(transform_points(H, original.position_px), size)
-    back_px = transform_points(np.asarray(np.linalg.inv(H), np.float64), changed.position_px)
+    position_px = original.position_px.astype(np.float64)
+    seen_again = is_inside(transform_points(H, position_px), size)
+    H_back = np.asarray(np.linalg.inv(H), np.float64)
+    back_px = transform_points(H_back, changed.position_px.astype(np.float64))
     is_of_original = is_inside(back_px, size)
     back_scale = changed.scale_px / scale_at(H, back_px)
     repeated = _count_repeated(
-        original.position_px[seen_again],
+        position_px[seen_again],
         original.scale_px[seen_again],
         back_px[is_of_original],
         back_scale[is_of_original],
     )
-    pairs = match(original, changed, MATCH_RATIO)
-    away_px = original.position_px[pairs[:, 0]] - back_px[pairs[:, 1]]
+    pairs = match(original, changed, ratio)
+    away_px = position_px[pairs[:, 0]] - back_px[pairs[:, 1]]
     errors_px = np.asarray(np.linalg.norm(away_px, axis=1), np.float64)
     return FeatureScore(
         max_repeatable=int(min(seen_again.sum(), is_of_original.sum())),
@@ -309,7 +259,7 @@ def is_inside(points_px: Array, size: Size) -> NDArray[np.bool_]:
     return np.asarray(np.all((points_px >= 0) & (points_px <= np.array(size) - 1.0), axis=1))
 
 
-def _count_repeated(a_px: Array, a_scale: Array, b_px: Array, b_scale: Array) -> int:
+def _count_repeated(a_px: Array, a_scale: NDArray[np.float32], b_px: Array, b_scale: Array) -> int:
     """Count features with a counterpart of similar position and scale; the smaller count of both.
 
     The assignment is not one to one: two features on the same spot both count.
@@ -328,9 +278,9 @@ def main(args: argparse.Namespace) -> None:
     """Measure and print."""
     images = list(load_images(args.source, args.frames))
     rows = {}
-    for name, method in make_all_methods().items():
+    for name, method in METHODS.items():
         print(f"measuring {name} ...", file=sys.stderr)
-        rows[name] = measure(method, images)
+        rows[name] = measure(*method, images)
     print(f"{len(images)} images, {len(all_transforms((2, 2)))} transforms of each")
     print(TABLE.head)
     print(*(TABLE.row(name, *cells) for name, cells in rows.items()), sep="\n")
@@ -364,14 +314,14 @@ def sample_images(folder: Path, count: int) -> list[Path]:
     return [pairs[i].color.file for i in chosen]
 
 
-def measure(method: FeatureMethod, images: Sequence[Gray]) -> list[float]:
+def measure(extractor: FeatureExtractor, ratio: float, images: Sequence[Gray]) -> list[float]:
     """Measure a method on all transforms of all images; return the cells of its row.
 
     They are means over images and transforms; the error is the median of the correct matches. The
     number of features and the processor time are those of an original image, on one thread.
     """
-    cpu_ms, features = np.mean([measure_cost(method, image) for image in images], axis=0)
-    scores = [pair for image in images for pair in score_method(method, image)]
+    cpu_ms, features = np.mean([measure_cost(extractor, image) for image in images], axis=0)
+    scores = [pair for image in images for pair in score_method(extractor, ratio, image)]
     every = [score for _, score in scores]
     correct = [[s.correct for kind, s in scores if kind == group] for group in GROUPS]
     return [
@@ -385,12 +335,14 @@ def measure(method: FeatureMethod, images: Sequence[Gray]) -> list[float]:
     ]
 
 
-def score_method(method: FeatureMethod, image: Gray) -> Iterator[tuple[str, FeatureScore]]:
+def score_method(
+    extractor: FeatureExtractor, ratio: float, image: Gray
+) -> Iterator[tuple[str, FeatureScore]]:
     """Yield the group and the score of each transform of an image."""
-    size, original = size_of(image), method(image)
+    size, original = size_of(image), extractor.extract(image)
     for change in all_transforms(size):
-        changed = method(change.apply(image))
-        yield change.group, score_features(original, changed, change.H, size)
+        changed = extractor.extract(change.apply(image))
+        yield change.group, score_features(original, changed, ratio, change.H, size)
 
 
 def size_of(image: Gray) -> Size:
@@ -398,12 +350,11 @@ def size_of(image: Gray) -> Size:
     return image.shape[1], image.shape[0]
 
 
-def measure_cost(method: FeatureMethod, image: Gray) -> tuple[float, int]:
+def measure_cost(extractor: FeatureExtractor, image: Gray) -> tuple[float, int]:
     """Measure CPU milliseconds (median after a round that compiles) and the number of features."""
-    features = len(method(image))
-    spent_ms = [
-        measure_cpu_ms(partial(method, image), time.process_time)[1] for _ in range(TIMING_ROUNDS)
-    ]
+    features = len(extractor.extract(image))
+    extract = partial(extractor.extract, image)
+    spent_ms = [measure_cpu_ms(extract, time.process_time)[1] for _ in range(TIMING_ROUNDS)]
     return median(spent_ms), features
 
 

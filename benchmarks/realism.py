@@ -1,34 +1,33 @@
 """Errors of plain SIFT and ORB odometries: how realistic the virtual Kinect's images are."""
 
 import argparse
-import itertools
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import replace
+from itertools import accumulate, pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import cv2
 import numpy as np
 
-from benchmarks.features import FeatureMethod, FeatureSet, make_opencv_method, match
+from benchmarks.features import METHODS
 from benchmarks.harness import option
 from benchmarks.tracking import open_frames_with_truth
 from drivers.camera import PinholeCamera, RgbdFrame
-from drivers.core.geometry import Array, fit_rigid_motion, transform_points
+from drivers.core.geometry import Array, Trajectory, fit_rigid_motion, transform_points
 from drivers.synthetic.camera import SyntheticCamera
 from drivers.synthetic.config import NO_DISTORTION, SyntheticConfig
+from vo_service.odometry.features.extractor import FeatureExtractor, Features
+from vo_service.odometry.features.matching import match_features
 from vo_service.odometry.ransac import find_best_hypothesis
+from vo_service.tools.evaluation.evaluation import evaluate
 
 CAMERA = PinholeCamera(640, 480, 517.3, 516.5, 318.6, 255.3)  # of the tracks of freiburg1
-COUNT = 1000
-RATIO = 0.8
 RANSAC_ROUNDS = 200
 RANSAC_SEEDS = 9  # one run is not enough: the median and the range are printed
 INLIER_M = 0.03
 MIN_PAIRS = 6
 
 PosedFrame = tuple[RgbdFrame, Array]
-PointPairs = tuple[Array, Array]
 
 
 @option("track", type=Path, help="trajectory of a real hand, in TUM format")
@@ -76,60 +75,56 @@ def report(name: str, frames: list[PosedFrame]) -> None:
     line = (
         f"{name:28} {len(frames):4} frames, median depth {np.median(z):.2f} m, {holes:4.0%} holes"
     )
-    for kind, detector in (("SIFT", cv2.SIFT.create(COUNT)), ("ORB", cv2.ORB.create(COUNT))):
-        errors_mm = [1e3 * error_m for error_m in _errors_m(frames, make_opencv_method(detector))]
+    for kind in ("SIFT", "ORB"):
+        errors_mm = [1e3 * error_m for error_m in _errors_m(frames, *METHODS[kind])]
         low, middle, high = min(errors_mm), np.median(errors_mm), max(errors_mm)
         line += f" | {kind} {middle:5.1f} ({low:.1f}-{high:.1f}) mm"
     print(line, flush=True)
 
 
-def _errors_m(frames: Iterable[PosedFrame], method: FeatureMethod) -> list[float]:
+def _errors_m(
+    frames: Sequence[PosedFrame], extractor: FeatureExtractor, ratio: float
+) -> list[float]:
     """ATE RMSE for several RANSAC seeds."""
-    points = [_find_points(method, frame) for frame, _ in frames]
-    pairs = [_match_points(*both) for both in itertools.pairwise(points)]
-    true = np.array([T_world_camera[:3, 3] for _, T_world_camera in frames])
-    return [_trajectory_error_m(pairs, true, seed) for seed in range(RANSAC_SEEDS)]
+    views = [_find_points(extractor, frame) for frame, _ in frames]
+    pairs = [_match_points(*both, ratio) for both in pairwise(views)]
+    stamps_s = np.array([frame.stamp_s for frame, _ in frames])
+    truth = Trajectory(stamps_s, np.array([T_world_camera for _, T_world_camera in frames]))
+    errors_m = []
+    for seed in range(RANSAC_SEEDS):
+        steps = (_fit_step(*each, seed) for each in pairs)
+        poses = np.array(list(accumulate(steps, np.matmul, initial=np.eye(4))))
+        errors_m.append(evaluate(Trajectory(stamps_s, poses), truth).ate_rmse_m)
+    return errors_m
 
 
-def _find_points(method: FeatureMethod, frame: RgbdFrame) -> tuple[FeatureSet, Array]:
+def _find_points(extractor: FeatureExtractor, frame: RgbdFrame) -> tuple[Features, Array]:
     """Find features at pixels with depth, and their points (N, 3) in meters."""
-    features, camera = method(frame.gray), frame.camera
+    features, camera = extractor.extract(frame.gray), frame.camera
     columns, rows = np.rint(features.position_px).astype(int).T
     z = frame.depth_m[rows, columns].astype(np.float64)
     x = (features.position_px[:, 0] - camera.cx) / camera.fx * z
     y = (features.position_px[:, 1] - camera.cy) / camera.fy * z
-    return features.select(z > 0), np.stack([x, y, z], axis=1)[z > 0]
+    points_m = np.stack([x, y, z], axis=1)[z > 0]
+    return Features(*(column[z > 0] for column in vars(features).values())), points_m
 
 
-def _match_points(a: tuple[FeatureSet, Array], b: tuple[FeatureSet, Array]) -> PointPairs:
-    """Return the points of mutual matches that pass the ratio test."""
-    nearest = dict(match(b[0], a[0], np.inf).tolist())
-    pairs = [(i, j) for i, j in match(a[0], b[0], RATIO).tolist() if nearest.get(j) == i]
-    i, j = np.array(pairs, int).reshape(-1, 2).T
-    return a[1][i], b[1][j]
+def _match_points(
+    earlier: tuple[Features, Array], later: tuple[Features, Array], ratio: float
+) -> tuple[Array, Array]:
+    """Return the points of both views whose features match."""
+    i, j = match_features(earlier[0], later[0], ratio).T
+    return earlier[1][i], later[1][j]
 
 
-def _trajectory_error_m(pairs: Iterable[PointPairs], true: Array, seed: int) -> float:
-    """ATE RMSE of the chained steps; a failed step counts as no motion."""
-    T = [np.eye(4)]
-    for previous, current in pairs:
-        step = _fit_step(current, previous, seed)
-        T.append(T[-1] if step is None else T[-1] @ step)
-    positions = np.array(T)[:, :3, 3]
-    aligned = transform_points(_fit(positions, true), positions)
-    return float(np.sqrt(np.mean(np.sum((aligned - true) ** 2, axis=1))))
-
-
-def _fit_step(current: Array, previous: Array, seed: int) -> Array | None:
-    """Estimate T_previous_current by RANSAC and SVD; None with too few pairs."""
+def _fit_step(previous: Array, current: Array, seed: int) -> Array:
+    """Estimate T_previous_current by RANSAC and SVD; no motion with too few pairs."""
     if len(current) < MIN_PAIRS:
-        return None
+        return np.eye(4)
     P, Q = np.ascontiguousarray(current.T), np.ascontiguousarray(previous.T)
     gate = np.full((2, len(current)), 1.0 / INLIER_M)
     T, _ = find_best_hypothesis(P, Q, gate, RANSAC_ROUNDS, np.uint32(seed))
     near = np.linalg.norm(transform_points(T, current) - previous, axis=1) < INLIER_M
-    return _fit(current[near], previous[near]) if near.sum() >= MIN_PAIRS else None
-
-
-def _fit(source: Array, target: Array) -> Array:
-    return fit_rigid_motion(source, target, np.ones(len(source)))
+    if near.sum() < MIN_PAIRS:
+        return np.eye(4)
+    return fit_rigid_motion(current[near], previous[near], np.ones(near.sum()))

@@ -1,6 +1,7 @@
 """The scores of the feature benchmark."""
 
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -10,12 +11,12 @@ import pytest
 from benchmarks import features
 from benchmarks.__main__ import main
 from benchmarks.features import (
-    FeatureSet,
+    METHODS,
+    FeatureScore,
     Gray,
     ImageTransform,
     all_transforms,
     is_inside,
-    make_opencv_method,
     make_perspective_tilt,
     make_rotation,
     measure_cost,
@@ -23,27 +24,46 @@ from benchmarks.features import (
     score_features,
     transform_points,
 )
+from drivers.core.geometry import Array
+from vo_service.odometry.features.extractor import Features
+from vo_service.tools.compare.baselines.frame_to_frame import MATCH_RATIO
 
 SIZE = (320, 240)
 TILT = make_perspective_tilt(SIZE, 0.1, 0.0, 0.0, 0.15)
 
 
-def random_features(count: int = 50) -> FeatureSet:
+def random_features(count: int = 50) -> Features:
     """Features spread over the image, with different descriptors."""
-    rng = np.random.default_rng(0)
-    return FeatureSet(
-        rng.uniform((20, 20), (300, 220), (count, 2)),
-        rng.uniform(2.0, 10.0, count),
-        rng.normal(0, 1, (count, 32)).astype(np.float32),
+    rng, unused = np.random.default_rng(0), np.empty(0, np.float32)
+    return Features(
+        position_px=rng.uniform((20, 20), (300, 220), (count, 2)).astype(np.float32),
+        scale_px=rng.uniform(2.0, 10.0, count).astype(np.float32),
+        direction=unused,
+        response=unused,
+        sign=unused,
+        descriptor=rng.normal(0, 1, (count, 32)).astype(np.float32),
     )
 
 
-def moved(features: FeatureSet, by_px: float = 0.0, scale: float = 1.0) -> FeatureSet:
-    return FeatureSet(
-        features.position_px + np.array([by_px, 0.0]),
-        scale * features.scale_px,
-        features.descriptor,
+def moved(features: Features, by_px: float = 0.0, scale: float = 1.0) -> Features:
+    position_px = features.position_px + np.array([by_px, 0.0], np.float32)
+    return replace(
+        features, position_px=position_px, scale_px=np.float32(scale) * features.scale_px
     )
+
+
+def transformed(features: Features, H: Array) -> Features:
+    position_px = transform_points(H, features.position_px.astype(np.float64))
+    scale_px = features.scale_px * scale_at(H, features.position_px.astype(np.float64))
+    return replace(
+        features,
+        position_px=position_px.astype(np.float32),
+        scale_px=scale_px.astype(np.float32),
+    )
+
+
+def score(original: Features, changed: Features, H: Array) -> FeatureScore:
+    return score_features(original, changed, MATCH_RATIO, H, SIZE)
 
 
 def texture() -> Gray:
@@ -83,13 +103,9 @@ def test_zoom_is_the_ratio_of_distances() -> None:
 
 def test_features_that_follow_the_homography_are_all_repeated_and_correct() -> None:
     original = random_features()
-    position_px = transform_points(TILT, original.position_px)
-    scale = original.scale_px * scale_at(TILT, original.position_px)
-    result = score_features(
-        original, FeatureSet(position_px, scale, original.descriptor), TILT, SIZE
-    )
+    result = score(original, transformed(original, TILT), TILT)
     assert result.max_repeatable == result.repeated == result.matches == result.correct == 50
-    assert np.allclose(result.errors_px, 0.0, atol=1e-6)
+    assert np.allclose(result.errors_px, 0.0, atol=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -107,7 +123,7 @@ def test_features_elsewhere_or_at_another_scale_do_not_count(
     by_px: float, scale: float, repeated: bool, correct: bool
 ) -> None:
     original = random_features(count=8)  # far from one another
-    result = score_features(original, moved(original, by_px, scale), np.eye(3), SIZE)
+    result = score(original, moved(original, by_px, scale), np.eye(3))
     assert (result.repeated, result.correct) == (8 * repeated, 8 * correct)
     assert result.matches == 8
 
@@ -115,32 +131,31 @@ def test_features_elsewhere_or_at_another_scale_do_not_count(
 def test_distances_are_in_pixels_of_the_original() -> None:
     original = random_features(count=8)
     H = make_rotation(SIZE, 0.0, 0.5)
-    seen = FeatureSet(
-        transform_points(H, original.position_px), 0.5 * original.scale_px, original.descriptor
-    )
-    assert score_features(original, moved(seen, by_px=0.9), H, SIZE).repeated == 8
-    assert score_features(original, moved(seen, by_px=1.1), H, SIZE).repeated == 0
+    seen = transformed(original, H)
+    assert score(original, moved(seen, by_px=0.9), H).repeated == 8
+    assert score(original, moved(seen, by_px=1.1), H).repeated == 0
 
 
 def test_descriptors_of_another_feature_are_wrong_matches() -> None:
     original = random_features()
-    swapped = FeatureSet(original.position_px, original.scale_px, original.descriptor[::-1].copy())
-    result = score_features(original, swapped, np.eye(3), SIZE)
+    swapped = replace(original, descriptor=original.descriptor[::-1].copy())
+    result = score(original, swapped, np.eye(3))
     assert (result.repeated, result.matches, result.correct) == (50, 50, 0)
 
 
 def test_features_outside_the_other_image_are_not_possible() -> None:
     original = random_features()
     H = make_rotation(SIZE, 0.0, 2.0)
-    in_view = is_inside(transform_points(H, original.position_px), SIZE)
-    result = score_features(original, original, H, SIZE)
+    in_view = is_inside(transformed(original, H).position_px.astype(np.float64), SIZE)
+    result = score(original, original, H)
     assert 0 < in_view.sum() < 50
     assert result.max_repeatable == in_view.sum()
 
 
 def test_an_image_without_features_scores_nothing() -> None:
-    empty = make_opencv_method(cv2.SIFT_create(10))(np.zeros((240, 320), np.uint8))  # type: ignore[attr-defined]
-    result = score_features(random_features(), empty, np.eye(3), SIZE)
+    extractor, _ = METHODS["SIFT"]
+    empty = extractor.extract(np.zeros((240, 320), np.uint8))
+    result = score(random_features(), empty, np.eye(3))
     assert (result.max_repeatable, result.repeated, result.matches, result.correct) == (0, 0, 0, 0)
 
 
@@ -149,13 +164,16 @@ def benchmark(*arguments: object) -> int:
 
 
 def test_the_cost_is_the_processor_time_of_one_round() -> None:
-    def work(image: Gray) -> FeatureSet:
-        end_s = time.process_time() + 0.05  # far longer than a tick of a coarse clock
-        while time.process_time() < end_s:
-            pass
-        return random_features(7)
+    class SlowExtractor:
+        count = 7
 
-    cost_ms, count = measure_cost(work, texture())
+        def extract(self, gray: Gray) -> Features:
+            end_s = time.process_time() + 0.05  # far longer than a tick of a coarse clock
+            while time.process_time() < end_s:
+                pass
+            return random_features(self.count)
+
+    cost_ms, count = measure_cost(SlowExtractor(), texture())
     assert cost_ms >= 50.0
     assert count == 7
 

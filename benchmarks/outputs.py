@@ -3,7 +3,7 @@
     python -m benchmarks outputs frames RECORDING [--seconds 20] [--case NAME]
     python -m benchmarks outputs mcap RECORDING [--seconds 60]
     python -m benchmarks outputs encodings RECORDING [--rounds 5]
-    python -m benchmarks outputs recorder [RECORDING] [--seconds 15]
+    python -m benchmarks outputs recorder [--seconds 15]
 
 Frames of RECORDING are sent from memory 30 times a second, without odometry. Times are
 milliseconds; CPU is per frame.
@@ -65,11 +65,10 @@ from vo_service.outputs.frames.output import FrameOutput, FrameOutputConfig
 from vo_service.outputs.recorder.client import FlightRecorder
 from vo_service.outputs.zenoh.output import ZenohOutput
 from vo_service.outputs.zenoh.session_endpoints import ExtraEndpoints
-from vo_service.types.commands import CommandError
 from vo_service.types.odometry_update import OdometryUpdate
 
 # Frames of the recording that are sent in turn.
-SOURCE_FRAMES = {"frames": 40, "mcap": 100, "recorder": 60}
+SOURCE_FRAMES = {"frames": 40, "mcap": 100}
 RAW = ("kinect/color/image", "kinect/depth/image")
 COMPRESSED = ("kinect/color/compressed", "kinect/depth/compressed")
 HOST_ADDRESS, READER_ADDRESS = "10.213.77.1", "10.213.77.2"
@@ -84,10 +83,7 @@ MCAP_TABLE = Table(
     "MB:7.0f",
 )
 ENCODINGS_TABLE = Table(34, "CPU ms:8.1f", "kB a frame:12.0f", "MB/s:7.1f")
-RECORDER_TABLE = Table(
-    *(16, "service ms:12.2f", "worker ms:11.2f", "missed:8d", "MB service:12.0f"),
-    *("MB worker:11.0f", "MB ring:9.0f"),
-)
+RECORDER_TABLE = Table(16, "service ms:12.2f", "worker ms:11.2f", "missed:8d")
 
 
 @dataclass(frozen=True)
@@ -324,65 +320,41 @@ def measure_encodings(args: argparse.Namespace) -> None:
         print(ENCODINGS_TABLE.row(name, cost.cpu_ms, cost.kilobytes, megabytes_per_s))
 
 
-@option("recording", metavar="RECORDING", type=Path, nargs="?", help="source of the frames")
 @option("--seconds", type=float, default=15.0, help="duration of each phase")
 def measure_recorder(args: argparse.Namespace) -> None:
-    """Cost of the flight recorder: CPU time per frame in both processes, memory, and an incident.
+    """Cost of the flight recorder: CPU time per frame in both processes.
 
     `service` is the process of the service, which does nothing else; `worker` is the recorder's
-    process. There are three phases: it only buffers; it also records; it writes an incident at the
-    beginning. Memory is that at the end of a phase, without the ring, which both processes share.
-    Without RECORDING the frames have noise in color and depth.
+    process. At first it only buffers, then it also records. The frames have noise in color and
+    depth.
     """
     frames = list(map(make_noisy_frame, range(8)))
-    if args.recording is not None:
-        frames = load_frames(args.recording, SOURCE_FRAMES["recorder"])
     with (
         tempfile.TemporaryDirectory() as state,
         closing(FlightRecorder(RecorderConfig(), Path(state), {})) as recorder,
     ):
         wait_until(lambda: recorder.is_ready)
-        player = RecorderPlayer(recorder, frames)
-        player.play(6.0)
-        rows = {"remembering": player.play(args.seconds)}
+        play = partial(play_to_recorder, recorder, frames)
+        play(WARM_UP_FRAMES)
+        rows = {"remembering": play(int(args.seconds * RATE_HZ))}
         recorder.start_recording("trial")
-        rows["recording"] = player.play(args.seconds)
+        rows["recording"] = play(int(args.seconds * RATE_HZ))
         recorder.stop_recording()
-        begin_s = time.time()
-        folder = Path(_save_incident(recorder))
-        rows["with an incident"] = player.play(args.seconds)
-        incident_s = folder.stat().st_ctime - begin_s
-        size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
     print(f"per frame\n{RECORDER_TABLE.head}")
     for name, cells in rows.items():
         print(RECORDER_TABLE.row(name, *cells))
-    print(f"an incident took {incident_s:.1f} s and {size / 1e6:.0f} MB of disk")
 
 
-class RecorderPlayer:
-    """Sends frames to a recorder, and measures both processes."""
-
-    def __init__(self, recorder: FlightRecorder, frames: Sequence[RgbdFrame]) -> None:
-        self._recorder, self._frames, self._sent = recorder, frames, 0
-        (worker,) = child_pids_of(os.getpid())
-        self._processes = (os.getpid(), worker)
-
-    def play(self, seconds: float) -> tuple[float, ...]:
-        """Measure a phase; return the cells of its row."""
-        count, missed = int(seconds * RATE_HZ), self._recorder.dropped
-        meter = LoadMeter(os.getpid())
-        send_in_turn(self._frames, self._sent, count, self._send)
-        self._sent += count
-        load = meter.read()
-        return (
-            *(load.per_frame_ms(count, each) for each in self._processes),
-            self._recorder.dropped - missed,
-            *(memory_mb(each, "RssAnon", "RssFile") for each in self._processes),
-            memory_mb(os.getpid(), "RssShmem"),
-        )
-
-    def _send(self, frame: RgbdFrame) -> None:
-        self._recorder.on_update(make_update(frame))
+def play_to_recorder(
+    recorder: FlightRecorder, frames: Sequence[RgbdFrame], count: int
+) -> tuple[float, ...]:
+    """Send frames to a recorder; return the cells of the row of both processes."""
+    (worker,) = child_pids_of(os.getpid())
+    missed, meter = recorder.dropped, LoadMeter(os.getpid())
+    send_in_turn(frames, 0, count, lambda frame: recorder.on_update(make_update(frame)))
+    load = meter.read()
+    spent_ms = (load.per_frame_ms(count, process) for process in (os.getpid(), worker))
+    return (*spent_ms, recorder.dropped - missed)
 
 
 def make_noisy_frame(seq: int) -> RgbdFrame:
@@ -395,14 +367,6 @@ def make_noisy_frame(seq: int) -> RgbdFrame:
     depth[random.random(depth.shape) < 0.05] = 0
     camera = PinholeCamera(640, 480, 525.0, 525.0, 319.5, 239.5)
     return RgbdFrame(seq, 0.0, 0.0, color, depth, 1000.0, camera)
-
-
-def _save_incident(recorder: FlightRecorder) -> str:
-    while True:
-        try:
-            return recorder.save("benchmark")
-        except CommandError:
-            time.sleep(0.1)
 
 
 VARIANTS: Variants = {

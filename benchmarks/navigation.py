@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.harness import Table, Variants, measure_cpu_ms, option
-from benchmarks.rendered_sequences import make_frame, prefetch
+from benchmarks.rendered_sequences import GivenPoses, make_frame, prefetch
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import T_BODY_CAMERA, Array, inverse, rigid_transform, so3_exp
 from drivers.synthetic.camera_motion import CameraMotion, make_poses
@@ -62,18 +62,6 @@ FLOOR_M = 0.03
 RESOLUTION_M, RANGE_MAX_M = 0.05, 4.0
 
 
-class FixedPoses(CameraMotion):
-    """Given poses of the camera, one a second."""
-
-    def __init__(self, T_world_camera: Array) -> None:
-        self._poses = T_world_camera
-
-    def poses(self, times_s: Array) -> Array:
-        numbers = np.rint(times_s).astype(int)
-        poses: Array = self._poses[np.clip(numbers, 0, len(self._poses) - 1)]
-        return poses
-
-
 def mounting_pose(height_m: float, down_deg: float) -> Array:
     """4x4 pose of the optical camera in the base."""
     R = so3_exp([0.0, np.radians(down_deg), 0.0])
@@ -99,7 +87,7 @@ class VirtualRoom:
     """
 
     def __init__(self, T_world_base: Array, T_base_camera: Array, seed: int) -> None:
-        motion = FixedPoses(T_world_base @ T_base_camera)
+        motion = GivenPoses(T_world_base @ T_base_camera, 1.0)
         self._T_world_base = T_world_base
         self._config = config = SyntheticConfig(
             seed=seed,

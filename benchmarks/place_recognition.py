@@ -5,11 +5,11 @@ python -m benchmarks place_recognition train FOLDER...
 """
 
 import argparse
-import math
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import TypeVar
@@ -19,18 +19,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.harness import Table, Variants, measure_cpu_ms, option
-from benchmarks.rendered_sequences import make_frame
-from benchmarks.tracking import open_frames, open_frames_with_truth
+from benchmarks.rendered_sequences import GivenPoses, make_frame
+from benchmarks.tracking import is_gross, open_frames, open_frames_with_truth, pose_error
 from drivers.camera import RgbdFrame
-from drivers.core.geometry import Array, inverse, pose_distance, rigid_transform
-from drivers.synthetic.camera_motion import CameraMotion, look_rotations, rotations_from_vectors
+from drivers.core.geometry import Array, inverse, rigid_transform
+from drivers.synthetic.camera_motion import look_rotations, rotations_from_vectors
 from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.renderer import Renderer, RoomModel
 from vo_service import slam
-from vo_service.odometry.direct.motion import se3_exp, se3_log
+from vo_service.odometry.direct.motion import se3_log
 from vo_service.odometry.features.extractor import SurfExtractor
 from vo_service.slam.keyframe_database import (
-    LOST_VELOCITY_SIGMA,
     TRACKED_VELOCITY_SIGMA,
     KeyframeDatabase,
     MapKeyframe,
@@ -45,13 +44,10 @@ SPOTS_PER_ROOM = 6
 SPEEDS = np.repeat([0.15, 0.25], 3)
 # Time between views of a recording.
 VIEW_PERIOD_S = 0.5
-MAX_ERROR_M, MAX_ERROR_DEG = 0.05, 3.0
 TABLE = Table(
     *(18, "trials:8d", "candidates:12d", "verified:10d", "mm:7.1mm", "95 %:7.1mm", "max:7.1mm"),
     *("degrees:9.3f", "sigmas:8.1f", "wrong:7d"),
 )
-# Numbers of most similar keyframes that the ranking checks.
-TOP_RANKS = (1, 3, 5, 10)
 OUTPUT = Path(slam.__file__).with_name("vlad_vocabulary.npy")
 CLUSTERS, FEATURES_PER_IMAGE, FRAME_STRIDE = 32, 500, 30
 # k-means: most iterations, and number of attempts.
@@ -76,26 +72,6 @@ class PosedView:
     velocity: Array
 
 
-class PiecewiseMotion(CameraMotion):
-    """A camera that is near one pose for each frame, with a velocity."""
-
-    def __init__(self, poses: list[Array], velocities: list[Array], rate_hz: float) -> None:
-        self._poses, self._velocities, self._rate_hz = poses, velocities, rate_hz
-
-    def poses(self, times_s: Array) -> Array:
-        frames = np.clip(np.rint(times_s * self._rate_hz), 0, len(self._poses) - 1).astype(int)
-        delays_s = times_s - frames / self._rate_hz
-        return np.array(
-            [
-                self._poses[n] @ se3_exp(delay_s * self._velocities[n])
-                for n, delay_s in zip(frames, delays_s, strict=True)
-            ]
-        )
-
-    def clearance_points_m(self, times_s: Array) -> Array:
-        return np.array(self._poses)[:, :3, 3]
-
-
 def views_of_room(seed: int) -> Iterator[PosedView]:
     """Yield views of a furnished room from a moving hand."""
     rng = np.random.default_rng([seed, 77])
@@ -103,7 +79,7 @@ def views_of_room(seed: int) -> Iterator[PosedView]:
     velocities = [SPEEDS * rng.normal(size=6) for _ in poses]
     rate_hz = SyntheticConfig.rate_hz
     config = SyntheticConfig(seed=seed, duration_s=len(poses) / rate_hz)
-    motion = PiecewiseMotion(poses, velocities, rate_hz)
+    motion = GivenPoses(np.array(poses), rate_hz, np.array(velocities))
     renderer = Renderer(config, motion, RoomModel.build(config, motion, 1))
     for seq, (T_world_camera, velocity) in enumerate(zip(poses, velocities, strict=True)):
         images = renderer.render(seq)
@@ -144,19 +120,18 @@ def views_of_recording(folder: Path) -> Iterator[PosedView]:
 
 @dataclass(frozen=True)
 class DescribedView:
-    """A view as a query, with and without a verified velocity, and as a keyframe."""
+    """A view as a query, and as a keyframe."""
 
     scene: str
     T_world_camera: Array
     query: QueryFrame
-    query_without_velocity: QueryFrame
     keyframe: MapKeyframe
 
     def distance_to(self, other: "DescribedView") -> tuple[float, float]:
         """Distance (m) and angle (degrees) of the poses; infinite in another scene."""
         if self.scene != other.scene:
             return np.inf, np.inf
-        return _pose_distance(self.T_world_camera, other.T_world_camera)
+        return pose_error(self.T_world_camera, other.T_world_camera)
 
 
 @dataclass(frozen=True)
@@ -181,9 +156,7 @@ class RecognitionTrial:
 
     @property
     def is_wrong(self) -> bool:
-        return self.error_m is not None and (
-            self.error_m > MAX_ERROR_M or self.error_deg > MAX_ERROR_DEG
-        )
+        return self.error_m is not None and is_gross(self.error_m, self.error_deg)
 
     def is_within(self, distance_m: float, angle_deg: float) -> bool:
         return self.distance_m <= 1.01 * distance_m and self.angle_deg <= 1.01 * angle_deg
@@ -219,48 +192,36 @@ def measure(args: argparse.Namespace) -> None:
             _describe_view(recognizer, view, timer, len(views) + n) for n, view in enumerate(scene)
         ]
         print(f"described {views[-1].scene}", file=sys.stderr, flush=True)
-    for title, queries in (
-        ("velocity followed", [each.query for each in views]),
-        ("velocity unknown", [each.query_without_velocity for each in views]),
-    ):
-        trials = [
-            _run_trial(recognizer, view, query, other, timer)
-            for view, query in zip(views, queries, strict=True)
-            for other in views
-            if view is not other
-        ]
-        _print_trials(title, trials)
-    _print_ranking(views, timer)
+    trials = [
+        _run_trial(recognizer, view, other, timer)
+        for view in views
+        for other in views
+        if view is not other
+    ]
+    _print_trials(trials)
+    _measure_search(views, timer)
     for task, times_ms in timer.times_ms.items():
-        print(
-            f"{task}: {np.median(times_ms):.2f} ms of CPU, 99 % {np.percentile(times_ms, 99):.2f}"
-        )
-    sizes = [each.keyframe.size_bytes / 1e3 for each in views]
-    print(f"a keyframe: {np.mean(sizes):.0f} kB, at most {np.max(sizes):.0f}")
+        middle, most = np.percentile(times_ms, (50, 99))
+        print(f"{task}: {middle:.2f} ms of CPU, 99 % {most:.2f}")
 
 
 def _describe_view(
     recognizer: PlaceRecognizer, posed_view: PosedView, timer: CpuTimer, number: int
 ) -> DescribedView:
-    """Describe a view with the velocity of the odometry, and with that after a loss."""
+    """Describe a view with the velocity of the odometry."""
     frame, sigma = posed_view.frame, np.repeat(TRACKED_VELOCITY_SIGMA, 3)
     velocity = posed_view.velocity + sigma * np.random.default_rng([3, number]).normal(size=6)
     query = timer.measure("query", lambda: recognizer.create_query(frame, velocity))
-    lost = recognizer.create_query(frame, np.zeros(6), LOST_VELOCITY_SIGMA)
     T = posed_view.T_world_camera
     keyframe = timer.measure("keyframe", lambda: recognizer.create_keyframe(query, number, 0, T))
-    return DescribedView(posed_view.scene, T, query, lost, keyframe)
+    return DescribedView(posed_view.scene, T, query, keyframe)
 
 
 def _run_trial(
-    recognizer: PlaceRecognizer,
-    view: DescribedView,
-    query: QueryFrame,
-    other: DescribedView,
-    timer: CpuTimer,
+    recognizer: PlaceRecognizer, view: DescribedView, other: DescribedView, timer: CpuTimer
 ) -> RecognitionTrial:
-    """Match a query of a view with the keyframe of another one."""
-    distance = view.distance_to(other)
+    """Match a view with the keyframe of another one."""
+    distance, query = view.distance_to(other), view.query
     candidates = timer.measure(
         "candidates", lambda: list(recognizer.find_candidates(query, [other.keyframe]))
     )
@@ -274,18 +235,12 @@ def _run_trial(
     T_keyframe_camera = inverse(other.T_world_camera) @ view.T_world_camera
     twist = se3_log(inverse(T_keyframe_camera) @ match.T_keyframe_camera)
     normalized_error = float(np.sqrt(twist @ np.linalg.solve(match.covariance, twist) / 6.0))
-    errors = _pose_distance(T_keyframe_camera, match.T_keyframe_camera)
+    errors = pose_error(T_keyframe_camera, match.T_keyframe_camera)
     return RecognitionTrial(*distance, True, *errors, normalized_error)
 
 
-def _pose_distance(T: Array, other: Array) -> tuple[float, float]:
-    """Distance in meters and angle in degrees of two poses."""
-    distance_m, angle_rad = pose_distance(T, other)
-    return distance_m, math.degrees(angle_rad)
-
-
-def _print_trials(title: str, trials: Sequence[RecognitionTrial]) -> None:
-    print(f"\n{title}\n{TABLE.head}")
+def _print_trials(trials: Sequence[RecognitionTrial]) -> None:
+    print(TABLE.head)
     rest = list(trials)
     for step in VIEW_OFFSETS:
         chosen = [each for each in rest if each.is_within(*step)]
@@ -309,34 +264,14 @@ def _print_row(name: str, trials: Sequence[RecognitionTrial]) -> None:
     print(TABLE.row(name, *counts, *figures, sum(each.is_wrong for each in verified)))
 
 
-def _print_ranking(views: Sequence[DescribedView], timer: CpuTimer) -> None:
-    """Print how often a keyframe within the third step is among the most similar ones."""
+def _measure_search(views: Sequence[DescribedView], timer: CpuTimer) -> None:
+    """Search all keyframes for those similar to each view."""
     database = KeyframeDatabase(sum(each.keyframe.size_bytes for each in views))
     for each in views:
         database.add(each.keyframe)
-    ranks = [rank for each in views for rank in _rank_of_nearest(database, each, views, timer)]
-    shares = [f"{100 * np.mean(np.array(ranks) < most):.1f} % among {most}" for most in TOP_RANKS]
-    print(f"\nof {len(database)} keyframes, a near one is similar: {', '.join(shares)}")
-
-
-def _rank_of_nearest(
-    database: KeyframeDatabase, each: DescribedView, views: Sequence[DescribedView], timer: CpuTimer
-) -> Iterable[int]:
-    """Yield the number of keyframes more similar than the first near one, if there is one."""
-    others = [other.keyframe.number for other in views if _is_near(each, other)]
-    if not others:
-        return
-    number = each.keyframe.number
-    similar = timer.measure(
-        "search",
-        lambda: database.find_similar(each.query, len(database), lambda k: k.number != number),
-    )
-    yield next(rank for rank, keyframe in enumerate(similar) if keyframe.number in others)
-
-
-def _is_near(a: DescribedView, b: DescribedView) -> bool:
-    trial = RecognitionTrial(*a.distance_to(b), is_candidate=False)
-    return a is not b and trial.is_within(*VIEW_OFFSETS[2])
+    for each in views:
+        search = partial(database.find_similar, each.query, len(database), lambda _: True)
+        timer.measure("search", search)
 
 
 @option("folders", nargs="+", type=Path, help="training recordings")

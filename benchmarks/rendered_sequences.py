@@ -20,6 +20,7 @@ from tempfile import TemporaryDirectory
 from typing import TypeVar
 
 import cv2
+import numpy as np
 
 from benchmarks.harness import PROCESSES, Variants, option
 from benchmarks.realism import measure_realism
@@ -27,13 +28,15 @@ from benchmarks.tracking import read_all_frames
 from drivers.camera import RgbdFrame
 from drivers.core import InputError
 from drivers.core.folders import cache_folder
-from drivers.core.geometry import Trajectory, read_trajectory
+from drivers.core.geometry import Array, Trajectory, read_trajectory
 from drivers.recording.frame_recorder import FrameRecorder
 from drivers.synthetic.camera import make_synthetic_camera
+from drivers.synthetic.camera_motion import CameraMotion
 from drivers.synthetic.config import ShutterTiming, SyntheticConfig
 from drivers.synthetic.frame_provider import render_all as render_into_cache
 from drivers.synthetic.sensors import RenderedImages
 from drivers.tum.writer import TumFolder
+from vo_service.odometry.direct.motion import se3_exp
 from vo_service.terminal import Terminal
 
 THREADS = 2
@@ -80,6 +83,31 @@ def prefetch(make: Callable[[int], T], count: int) -> Iterator[T]:
                 yield made.popleft().result()
         finally:
             pool.shutdown(cancel_futures=True)
+
+
+class GivenPoses(CameraMotion):
+    """A camera that is near one of the given poses (N, 4, 4) for each frame.
+
+    Args:
+        T_world_camera: The poses.
+        rate_hz: Frames per second.
+        velocities: (N, 6) twists of the camera in its own axes, m/s and rad/s; at rest if None.
+    """
+
+    def __init__(
+        self, T_world_camera: Array, rate_hz: float, velocities: Array | None = None
+    ) -> None:
+        self._poses, self._rate_hz = T_world_camera, rate_hz
+        self._velocities = np.zeros((len(T_world_camera), 6)) if velocities is None else velocities
+
+    def poses(self, times_s: Array) -> Array:
+        frames = np.clip(np.rint(times_s * self._rate_hz), 0, len(self._poses) - 1).astype(int)
+        moved_s = times_s - frames / self._rate_hz
+        motions = map(se3_exp, moved_s[:, None] * self._velocities[frames])
+        return np.array([self._poses[n] @ T for n, T in zip(frames, motions, strict=True)])
+
+    def clearance_points_m(self, times_s: Array) -> Array:
+        return self._poses[:, :3, 3]
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 """Tracking of a recording by a method, and its accuracy."""
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -20,6 +21,8 @@ from vo_service.odometry.registry import DEFAULT_METHOD, METHODS, MethodConfig
 from vo_service.odometry.stage_timers import CpuStageTimer
 from vo_service.tools.evaluation.evaluation import Evaluation, evaluate
 from vo_service.tools.evaluation.metrics import (
+    GROSS_ERROR_DEG,
+    GROSS_ERROR_M,
     MatchedPoses,
     PosePairs,
     associate,
@@ -272,6 +275,17 @@ def evaluate_poses(
         return evaluate(trajectory, truth, frame_stamps_s)
     except InputError:
         return None
+
+
+def pose_error(T_true: Array, T: Array) -> tuple[float, float]:
+    """Error of a 4x4 pose, meters and degrees."""
+    distance_m, angle_rad = pose_distance(T_true, T)
+    return distance_m, math.degrees(angle_rad)
+
+
+def is_gross(error_m: float, error_deg: float) -> bool:
+    """Whether an error of a pose is above 5 cm or 3 degrees."""
+    return error_m > GROSS_ERROR_M or error_deg > GROSS_ERROR_DEG
 
 
 def match_steps(

@@ -7,12 +7,12 @@ import pytest
 
 from benchmarks.place_recognition import (
     VIEW_OFFSETS,
-    PiecewiseMotion,
     extract_descriptors,
     fit_centers,
     poses_around,
     views_of_recording,
 )
+from benchmarks.rendered_sequences import GivenPoses
 from drivers.core import InputError
 from drivers.core.geometry import inverse, rigid_transform, rotation_angle_rad
 
@@ -28,8 +28,8 @@ def test_views_around_a_spot_have_the_configured_offsets() -> None:
 
 
 def test_a_camera_moves_during_each_view() -> None:
-    poses = [rigid_transform(np.eye(3), [x, 0.0, 0.0]) for x in (0.0, 5.0)]
-    path = PiecewiseMotion(poses, [np.array([0.3, 0, 0, 0, 0, 0]), np.zeros(6)], rate_hz=30.0)
+    poses = np.array([rigid_transform(np.eye(3), [x, 0.0, 0.0]) for x in (0.0, 5.0)])
+    path = GivenPoses(poses, 30.0, np.array([[0.3, 0, 0, 0, 0, 0], np.zeros(6)]))
     x_m = path.poses(np.array([-0.01, 0.0, 0.01, 1 / 30, 1 / 30 + 0.01]))[:, 0, 3]
     assert x_m == pytest.approx([-0.003, 0.0, 0.003, 5.0, 5.0])
 

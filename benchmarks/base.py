@@ -75,12 +75,7 @@ ROBOT = {
 
 
 class TrueMotion:
-    """True poses of the base at any time.
-
-    Args:
-        truth: True trajectory of the camera.
-        T_base_camera: 4x4 mount of the camera.
-    """
+    """True poses of the base at any time."""
 
     def __init__(self, truth: Trajectory, T_base_camera: Array) -> None:
         self.stamps_s = truth.stamps_s
@@ -123,12 +118,7 @@ class HandOdometry(NullWheelOdometry):
 
 
 class SimulatedWheels(NullWheelOdometry):
-    """Wheels whose driver sends messages with errors of scale, noise, slip and wrong stamps.
-
-    Args:
-        motion: Of the base.
-        variant: The errors.
-    """
+    """Wheels whose driver sends messages with errors of scale, noise, slip and wrong stamps."""
 
     def __init__(self, motion: TrueMotion, variant: Variant) -> None:
         self._motion, self._variant = motion, variant

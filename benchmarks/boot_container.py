@@ -147,8 +147,6 @@ def running_container(tree: Path, shared: Sequence[Path], log: Path) -> Iterator
     """Run the Debian in `tree`, with some folders of this computer mounted read-only.
 
     Args:
-        tree: Root of the Debian.
-        shared: Folders to mount.
         log: File for its console.
     """
     command = [
@@ -181,13 +179,7 @@ def running_container(tree: Path, shared: Sequence[Path], log: Path) -> Iterator
 
 
 def wait_for(condition: Callable[[], bool], limit_s: float, what: str) -> float:
-    """Wait for a condition; return the seconds that took. Raises AssertionError after `limit_s`.
-
-    Args:
-        condition: Returns true once it holds.
-        limit_s: Longest wait, s.
-        what: Name of the condition, for the message.
-    """
+    """Wait for a condition; return the seconds that took. Raises AssertionError after `limit_s`."""
     begin_s = time.monotonic()
     while not condition():
         assert time.monotonic() - begin_s < limit_s, f"waited {limit_s:.0f} s in vain for {what}"

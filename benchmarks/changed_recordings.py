@@ -122,13 +122,7 @@ def measure_tiny_changes(args: argparse.Namespace) -> None:
 
 
 def format_spread(method: str, unchanged: Json, changed: Sequence[Json]) -> str:
-    """A row for each figure: without change, and the range over all perturbations.
-
-    Args:
-        method: The method.
-        unchanged: Accuracy without change.
-        changed: Accuracy of each perturbation.
-    """
+    """A row for each figure: without change, and the range over all perturbations."""
     lines = [f"{method}, {len(changed)} perturbations", TINY_TABLE.head]
     for label, key in FIGURES.items():
         values = [result[key] for result in changed]

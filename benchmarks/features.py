@@ -113,12 +113,7 @@ def make_perspective_tilt(
 ) -> Array:
     """Tilt the scene away from the camera: one side becomes shorter.
 
-    Args:
-        size: Width and height of the image.
-        left: Fraction of the image by which the left corners move inwards.
-        right: The same for the right corners.
-        top: The same for the upper corners.
-        bottom: The same for the lower corners.
+    The corners of a side move inwards by its share of the image's width and height.
     """
     (width, height), right_px, bottom_px = size, size[0] - 1.0, size[1] - 1.0
     corners: Corners = [(0, 0), (right_px, 0), (right_px, bottom_px), (0, bottom_px)]

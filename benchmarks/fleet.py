@@ -56,13 +56,7 @@ class FleetFiles:
 
 
 def write_fleet_files(folder: Path, robots: Sequence[str], port: int) -> FleetFiles:
-    """Create all keys, and write the files for a router at a port of 127.0.0.1.
-
-    Args:
-        folder: New folder for the files.
-        robots: Number of robots.
-        port: TCP port of the router.
-    """
+    """Create all keys, and write the files for a router at a port of 127.0.0.1."""
     authority = CertificateAuthority(folder)
     router = authority.issue_server_certificate([HOST], VALIDITY_DAYS)
     reader = authority.issue_client_certificate("reader", VALIDITY_DAYS)

@@ -52,12 +52,6 @@ def send_in_turn(
 ) -> list[float]:
     """Send frames or updates in turn at the frame rate, with new numbers and stamps.
 
-    Args:
-        items: The frames or updates.
-        first: Number of the first one.
-        count: How many to send.
-        send: What sends one.
-
     Returns:
         Seconds that each call took.
     """

@@ -123,13 +123,7 @@ def measure_scenes(args: argparse.Namespace) -> None:
 def evaluate_scene(
     tracked: TrackedSequence, truth: Trajectory, config: SyntheticConfig
 ) -> SceneResult:
-    """Evaluate a sequence.
-
-    Args:
-        tracked: Its tracked frames.
-        truth: Its true trajectory.
-        config: What it was rendered from.
-    """
+    """Evaluate a sequence."""
     gross, gross_tracking = _count_gross_errors(tracked, truth)
     begin_s = tracked.stamps_s[0] if len(tracked.stamps_s) else 0.0
     ends_s = [begin_s + end_s for end_s in fault_end_times_s(config)]
@@ -303,13 +297,7 @@ def measure_standing_still(args: argparse.Namespace) -> None:
 def measure_drift(
     method: str, frames: Iterable[RgbdFrame], frames_per_report: int
 ) -> Iterator[DriftResult]:
-    """Track a camera that never moves; yield the drift after each `frames_per_report` frames.
-
-    Args:
-        method: The method.
-        frames: Frames of a still camera.
-        frames_per_report: Frames between two results.
-    """
+    """Track a camera that never moves; yield the drift after each `frames_per_report` frames."""
     odometry = METHODS[method](MethodConfig(), CpuStageTimer())
     T_first_world, means = np.eye(4), list[Array]()
     max_error, squares, cpu_ms, lost, minute = np.zeros(2), np.zeros(2), 0.0, 0, list[Array]()

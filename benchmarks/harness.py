@@ -50,11 +50,6 @@ RECORDING = option("recording", metavar="RECORDING", type=Path, help="source of 
 def run_benchmark(name: str, module: ModuleType, arguments: Sequence[str]) -> int:
     """Run a benchmark with the options of the command line.
 
-    Args:
-        name: Name of the benchmark.
-        module: Its module.
-        arguments: The options.
-
     Returns:
         The exit code: that of `main`, of an error that the user can fix, or 130 after Ctrl-C.
     """
@@ -113,12 +108,7 @@ def measure_cpu_ms(
 
 
 def run_in_turn(cases: Mapping[Key, Callable[[], T]], rounds: int) -> dict[Key, list[T]]:
-    """Run each case once a round, so that other load of the machine affects all of them alike.
-
-    Args:
-        cases: What is measured, by name.
-        rounds: Number of rounds.
-    """
+    """Run each case once a round, so that other load of the machine affects all of them alike."""
     results: dict[Key, list[T]] = {name: [] for name in cases}
     for number in range(1, rounds + 1):
         for name, run in cases.items():

@@ -59,9 +59,9 @@ def fit_timing(stamps_s: Array, brightness: Array, switched_s: Array) -> LedTimi
     """Fit delay and exposure.
 
     Args:
-        stamps_s: Stamps (n,).
-        brightness: Brightness (n,) of the lit pixels.
-        switched_s: Times (m,) of the switching commands on the same clock, the first to on.
+        stamps_s: (n,).
+        brightness: (n,) of the lit pixels.
+        switched_s: (m,) times of the switching commands on the same clock, the first to on.
     """
     best = LedTiming(0.0, 0.0, -np.inf)
     middles_s = (DELAY_GRID_S[:, None] + stamps_s).ravel()

@@ -78,13 +78,7 @@ def second_half_start(tour: TourSequence) -> int:
 
 
 def build_map(method: str, tour: TourSequence, file: Path) -> Array:
-    """Save the map of the first half; return T_room_map (4, 4).
-
-    Args:
-        method: The method.
-        tour: The tour.
-        file: File of the map.
-    """
+    """Save the map of the first half; return T_room_map (4, 4)."""
     runner = LoopClosureRunner(method, create_synchronous_loop_closure(MapConfig()))
     T_room_map = np.eye(4)
     for number in range(second_half_start(tour)):
@@ -99,15 +93,7 @@ def build_map(method: str, tour: TourSequence, file: Path) -> Array:
 def relocalize_in_map(
     method: str, tour: TourSequence, file: Path, T_room_map: Array, first: int
 ) -> SessionStartResult:
-    """Start at frame `first` with the map of a file. Raises InputError if it is not a map.
-
-    Args:
-        method: The method.
-        tour: The tour.
-        file: File of the map.
-        T_room_map: (4, 4) pose of the map in the room.
-        first: First frame.
-    """
+    """Start at frame `first` with the map of a file. Raises InputError if it is not a map."""
     contents = read_map(file)
     runner = LoopClosureRunner(
         method, SynchronousLoopClosure(create_loop_closer_from_map(contents, MapConfig()))

@@ -285,12 +285,7 @@ MAX_LOSS = 0.01
 
 
 class RoundTrip(CameraMotion):
-    """A base that drives a circle.
-
-    Args:
-        height_m: Of the camera.
-        down_deg: How far it looks down.
-    """
+    """A base that drives a circle."""
 
     duration_s = 2.0 * np.pi / TURN_RAD_S
 

@@ -35,12 +35,7 @@ class PipedProcess(subprocess.Popen[str]):
 def running_process(
     *command: str | Path, environment: Mapping[str, str] | None = None
 ) -> Iterator[PipedProcess]:
-    """Run a process; kill it at the end.
-
-    Args:
-        command: Its command line.
-        environment: Its environment; by default that of this process.
-    """
+    """Run a process; kill it at the end."""
     pipe = subprocess.PIPE
     with PipedProcess(command, stdin=pipe, stdout=pipe, env=environment, text=True) as process:
         try:

@@ -13,14 +13,7 @@ Line = tuple[str, ArrayLike, ArrayLike]
 def save_panels(
     file: Path, x_label: str, panels: Mapping[str, Sequence[Line]], marks: Sequence[float] = ()
 ) -> None:
-    """Plot the lines of each panel, by the label of its axis, from 0 on.
-
-    Args:
-        file: The picture.
-        x_label: Label of the axis that all share.
-        panels: The lines of each panel.
-        marks: Positions of dotted lines.
-    """
+    """Plot the lines of each panel, by the label of its axis, from 0 on."""
     mpl.use("Agg")
     from matplotlib import pyplot
 

@@ -200,11 +200,6 @@ def measure_map(
 ) -> tuple[float, SurfaceError]:
     """Measure the ATE RMSE of a map's poses, and its surface.
 
-    Args:
-        folder: Folder with the map.
-        truth: True trajectory.
-        solids: True surfaces.
-
     Raises:
         InputError: There is no map in the folder.
     """

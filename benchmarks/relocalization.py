@@ -70,13 +70,7 @@ class TourSequence:
 
     @classmethod
     def open(cls, folder: Path, seed: int, terminal: Terminal) -> "TourSequence":
-        """Open the tour of a seed in FOLDER/sequences; render missing frames.
-
-        Args:
-            folder: Folder of the benchmark.
-            seed: Seed of the room.
-            terminal: Shows the progress.
-        """
+        """Open the tour of a seed in FOLDER/sequences; render missing frames."""
         config = make_tour_config(seed, SEQUENCE_S, aliased_corners=False)
         # Each has its own folder: a cache folder is too small for two of this length.
         progress = partial(terminal.progress, f"rendering room {seed}: frame")
@@ -172,10 +166,7 @@ def choose_trials(
     """Choose up to `count` trials with different first frames.
 
     Args:
-        views: Views of the tour from `sample_views`.
-        count: The number of trials.
         unseen: Whether the place of the return is unseen before the cover, or seen.
-        rng: Generator of the choice.
     """
     fits = _is_return_unseen if unseen else _is_return_seen
     span, after = FRAMES_BEFORE // VIEW_STRIDE, FRAMES_AFTER // VIEW_STRIDE
@@ -208,12 +199,7 @@ def _is_return_unseen(before: Sequence[ObservedView], after: Sequence[ObservedVi
 
 
 def trial_frames(trial: RelocalizationTrial, tour: TourSequence) -> Iterator[RgbdFrame]:
-    """Yield the frames of a trial, with evenly spaced stamps.
-
-    Args:
-        trial: The trial.
-        tour: Its tour.
-    """
+    """Yield the frames of a trial, with evenly spaced stamps."""
     for seq, source in enumerate(trial.source_frames):
         frame = tour.frame(int(source), seq)
         if FRAMES_BEFORE <= seq < FRAMES_BEFORE + FRAMES_COVERED:

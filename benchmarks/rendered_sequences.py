@@ -49,14 +49,7 @@ RECORD = "synthetic.txt"
 def make_frame(
     config: SyntheticConfig, seq: int, stamp_s: float, images: RenderedImages
 ) -> RgbdFrame:
-    """Make frame `seq` of a camera of `config` from its images; it arrives at its stamp.
-
-    Args:
-        config: The virtual Kinect.
-        seq: Number of the frame.
-        stamp_s: Its stamp, s.
-        images: Its color and depth.
-    """
+    """Make frame `seq` of a camera of `config` from its images; it arrives at its stamp."""
     return RgbdFrame(
         seq=seq,
         stamp_s=stamp_s,
@@ -137,11 +130,6 @@ def render_all(
     """Render missing sequences and those of another configuration; return their folders by name.
 
     An interrupted sequence is rendered again the next time. The longest is the first.
-
-    Args:
-        folder: Folder of all sequences.
-        sequences: What is in each, by name.
-        processes: Rendering processes.
 
     Raises:
         InputError: A folder has other contents, or a track cannot be used.
@@ -250,13 +238,6 @@ def make_configs(
     duration_s: float = DURATION_S,
 ) -> dict[str, SyntheticConfig]:
     """Make the configurations by name: `duration_s` of each track, or less if it is shorter.
-
-    Args:
-        tracks: Folder of the trajectories.
-        seeds: Seeds of the rooms.
-        timings: Names of the timings.
-        start_s: Start in each track, s.
-        duration_s: Length, s.
 
     Raises:
         InputError: There are no tracks, one is broken, or one ends before `start_s`.

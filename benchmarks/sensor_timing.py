@@ -97,10 +97,6 @@ class RandomSensor(VirtualRecording):
 def make_random_sensor(seed: int, duration_s: float) -> RandomSensor:
     """Draw the sensor of a seed, which is also that of the room and of the motion.
 
-    Args:
-        seed: The seed.
-        duration_s: Length of the sequence, s.
-
     Raises:
         InputError: The seed is negative, or the duration is shorter than a frame.
     """
@@ -323,11 +319,6 @@ def measure_starts(args: argparse.Namespace) -> None:
 def measure_start(method: str, recording: Path, first: int) -> Json:
     """Track a recording from a frame on: with its timing if it has one, with zeros, and learned.
 
-    Args:
-        method: The method.
-        recording: Folder of the recording.
-        first: First frame.
-
     Raises:
         InputError: The recording has no ground truth, or fewer frames.
     """
@@ -349,12 +340,7 @@ def measure_start(method: str, recording: Path, first: int) -> Json:
 
 
 def format_start(name: str, result: Json) -> str:
-    """One row of the table of starts.
-
-    Args:
-        name: Name of the recording, and its first frame.
-        result: Result of `measure_start`.
-    """
+    """One row of the table of starts."""
     runs = [result[key] for key in ("known", "ignored", "learned")]
     ate_m = [None if run is None else run["ate_m"] for run in runs]
     return START_TABLE.row(

@@ -264,14 +264,7 @@ def run(case: InterferenceCase, seconds: float) -> LatencyResult:
 def measure(
     setup: InterferenceSetup, service: ServiceProcess, subscriber: Subscriber, seconds: float
 ) -> LatencyResult:
-    """Measure from now on, with the actions of the setup.
-
-    Args:
-        setup: The disturbance.
-        service: The running service.
-        subscriber: A subscriber of its poses.
-        seconds: Duration, s.
-    """
+    """Measure from now on, with the actions of the setup."""
     main = service.process.pid
     meter, dropped, begin_s = LoadMeter(main), service.status["camera"]["dropped"], time.monotonic()
     for fraction, action in setup.actions:

@@ -160,7 +160,6 @@ def check_soak(record: SoakRecord, warm_up: int) -> list[SoakCheck]:
     """Check that memory, handles, threads and latency are constant, and that nothing was lost.
 
     Args:
-        record: The samples.
         warm_up: Frames of each run that do not count.
 
     Raises:
@@ -182,24 +181,14 @@ def check_soak(record: SoakRecord, warm_up: int) -> list[SoakCheck]:
 
 
 def slope(samples: Sequence[SoakSample], name: str) -> float:
-    """Growth in 10,000 frames: least squares over all runs, each with its own offset.
-
-    Args:
-        samples: The samples.
-        name: Name of a figure of a sample.
-    """
+    """Growth in 10,000 frames: least squares over all runs, each with its own offset."""
     frames, values = _center(samples, "frame"), _center(samples, name)
     spread = float(frames @ frames)
     return SLOPE_FRAMES * float(frames @ values) / spread if spread else 0.0
 
 
 def growth(samples: Sequence[SoakSample], name: str) -> float:
-    """Ratio of the median of the last third to that of the first.
-
-    Args:
-        samples: The samples.
-        name: Name of a figure of a sample.
-    """
+    """Ratio of the median of the last third to that of the first."""
     third, values = max(1, len(samples) // 3), values_of(samples, name)
     return float(np.median(values[-third:]) / np.median(values[:third]))
 

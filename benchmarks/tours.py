@@ -72,11 +72,6 @@ def make_tour_config(seed: int, seconds: float, aliased_corners: bool) -> Synthe
     """Make the configuration of a tour with noise, depth quantization and rolling shutter.
 
     Motion blur and smooth edges are off, because they are slow to render.
-
-    Args:
-        seed: Seed of the room.
-        seconds: Length, s.
-        aliased_corners: Whether two corners of the room look the same.
     """
     config = SyntheticConfig(
         seed=seed,
@@ -102,13 +97,7 @@ def render_frames(config: SyntheticConfig) -> Iterator[RgbdFrame]:
 
 
 def make_tour_frame(config: SyntheticConfig, seq: int, images: RenderedImages) -> RgbdFrame:
-    """Make frame `seq` of a camera of `config` from its images, with a stamp in microseconds.
-
-    Args:
-        config: The tour.
-        seq: Number of the frame.
-        images: Its color and depth.
-    """
+    """Make frame `seq` of a camera of `config` from its images, with a stamp in microseconds."""
     return make_frame(config, seq, round(seq / config.rate_hz, 6), images)
 
 
@@ -290,14 +279,7 @@ def run_tour(
     T_room_camera: Array,
     progress: Callable[[int, int], None],
 ) -> TourRecord:
-    """Run all frames without storing them.
-
-    Args:
-        runner: The method.
-        frames: The frames.
-        T_room_camera: Their true poses (N, 4, 4).
-        progress: Called after each frame.
-    """
+    """Run all frames without storing them."""
     rows = []
     for frame in frames:
         estimate, cpu_ms = measure_cpu_ms(partial(runner.estimate_pose, frame))

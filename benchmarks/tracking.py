@@ -53,10 +53,6 @@ def open_frames(
 ) -> Iterator[tuple[Iterator[RgbdFrame], Trajectory | None]]:
     """Open a recording: all its frames, and its ground truth; None if it has none.
 
-    Args:
-        folder: The recording.
-        faults: Faults of its frames.
-
     Raises:
         InputError: The recording cannot be used.
     """
@@ -137,10 +133,7 @@ def track(
     """Track all frames, with the states that the service would publish.
 
     Args:
-        method: The method.
-        frames: The frames.
         odom_frame: With the mount and the wheels of the base; None: a camera without a base.
-        config: Settings of the method.
     """
     timer = CpuStageTimer()
     return track_with(METHODS[method](config, timer), timer, frames, odom_frame or OdomFrame())
@@ -213,12 +206,6 @@ def track_changed(
 ) -> tuple[TrackedSequence, Accuracy]:
     """Track the changed frames of a recording, from frame `first` on.
 
-    Args:
-        method: The method.
-        folder: The recording.
-        change: Changes each frame.
-        first: First frame.
-
     Raises:
         InputError: The folder cannot be used, or has no ground truth.
     """
@@ -252,13 +239,7 @@ def evaluate_accuracy(tracked: TrackedSequence, truth: Trajectory) -> Accuracy:
 def evaluate_trajectory(
     estimates: Sequence[Estimate], stamps_s: Sequence[float] | Array, truth: Trajectory | None
 ) -> Evaluation | None:
-    """Evaluate the estimates of frames; None without ground truth or with too few poses.
-
-    Args:
-        estimates: Estimates of the frames.
-        stamps_s: Stamps of the frames, s.
-        truth: True trajectory; None if not known.
-    """
+    """Evaluate the estimates of frames; None without ground truth or with too few poses."""
     good = [n for n, estimate in enumerate(estimates) if estimate.ok]
     poses = np.array([estimates[n].T_world_camera for n in good]).reshape(-1, 4, 4)
     stamps_s = np.array(stamps_s)

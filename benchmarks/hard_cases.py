@@ -5,16 +5,16 @@ python -m benchmarks hard_cases still [--minutes 60] [--seed 1] [--method direct
 """
 
 import argparse
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.harness import Table, Variants, measure_cpu_ms, option
+from benchmarks.harness import Table, Variants, option
 from benchmarks.rendered_sequences import THREADS, make_frame, prefetch, render_all
 from benchmarks.tracking import (
     METHOD,
@@ -24,6 +24,7 @@ from benchmarks.tracking import (
     match_steps,
     open_frames_with_truth,
     track,
+    track_with,
 )
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, Trajectory, inverse, so3_log
@@ -31,6 +32,7 @@ from drivers.synthetic.config import MotionKind, SyntheticConfig
 from drivers.synthetic.renderer import NoiselessFrame, Renderer, make_renderer
 from drivers.synthetic.sensors import gain_at
 from vo_service.config import read_config
+from vo_service.odom_frame import OdomFrame
 from vo_service.odometry.registry import METHODS, MethodConfig
 from vo_service.odometry.stage_timers import CpuStageTimer
 from vo_service.odometry.warm_up import warm_up
@@ -247,32 +249,6 @@ class StaticView:
         return prefetch(self.frame, count)
 
 
-@dataclass(frozen=True)
-class DriftResult:
-    """Drift so far; arrays (2,) are meters and degrees.
-
-    Attributes:
-        frames: Number of frames.
-        lost: Frames without a pose.
-        max_error: Largest distance from the first pose.
-        rms: RMS distance from the first pose.
-        drift: Distance of the last minute's mean from that of the first.
-        cpu_ms: Mean processor time of a frame.
-    """
-
-    frames: int
-    lost: int
-    max_error: Array
-    rms: Array
-    drift: Array
-    cpu_ms: float
-
-    def format_row(self, minutes: int) -> str:
-        """The line of the table."""
-        sizes = (*self.max_error, *self.rms, *self.drift)
-        return STILL_TABLE.row(f"{minutes:7}", self.frames, self.lost, *sizes, self.cpu_ms)
-
-
 @option("--minutes", type=int, default=60, help="minutes of frames")
 @option("--seed", type=int, default=1, help="seed of the room and of the noise")
 @METHOD
@@ -290,32 +266,34 @@ def measure_standing_still(args: argparse.Namespace) -> None:
     minute_frames = round(60 * config.rate_hz)
     print(STILL_TABLE.head, flush=True)
     frames = StaticView.render(config).frames(args.minutes * minute_frames)
-    for minutes, result in enumerate(measure_drift(args.method, frames, minute_frames), 1):
-        print(result.format_row(minutes), flush=True)
+    for minutes, cells in enumerate(measure_drift(args.method, frames, minute_frames), 1):
+        print(STILL_TABLE.row(f"{minutes:7}", *cells), flush=True)
 
 
 def measure_drift(
-    method: str, frames: Iterable[RgbdFrame], frames_per_report: int
-) -> Iterator[DriftResult]:
-    """Track a camera that never moves; yield the drift after each `frames_per_report` frames."""
-    odometry = METHODS[method](MethodConfig(), CpuStageTimer())
-    T_first_world, means = np.eye(4), list[Array]()
-    max_error, squares, cpu_ms, lost, minute = np.zeros(2), np.zeros(2), 0.0, 0, list[Array]()
-    for count, frame in enumerate(frames, 1):
-        estimate, spent_ms = measure_cpu_ms(partial(odometry.estimate, frame))
-        cpu_ms += spent_ms
-        if estimate.ok:
-            if count == lost + 1:
-                T_first_world = inverse(estimate.T_world_camera)
-            minute.append(_pose_twist(T_first_world @ estimate.T_world_camera))
-            size = _twist_size(minute[-1])
-            max_error, squares = np.maximum(max_error, size), squares + size**2
-        lost += not estimate.ok
-        if count % frames_per_report == 0 and minute:
-            means.append(np.mean(minute, axis=0))
-            minute.clear()
-            rms, drift = np.sqrt(squares / (count - lost)), _twist_size(means[-1] - means[0])
-            yield DriftResult(count, lost, max_error, rms, drift, cpu_ms / count)
+    method: str, frames: Iterator[RgbdFrame], frames_per_report: int
+) -> Iterator[tuple[float, ...]]:
+    """Track a camera that never moves; yield the cells of a row after each `frames_per_report`."""
+    timer, odom_frame = CpuStageTimer(), OdomFrame()
+    odometry = METHODS[method](MethodConfig(), timer)
+    sizes, means, cpu_ms, count = np.empty((0, 2)), list[Array](), 0.0, 0
+    T_first_world = np.eye(4)
+    while True:
+        tracked = track_with(odometry, timer, islice(frames, frames_per_report), odom_frame)
+        if len(tracked.estimates) < frames_per_report:
+            return
+        count += frames_per_report
+        cpu_ms += float(tracked.cpu_ms.sum())
+        poses = tracked.trajectory.T_world_camera
+        if not len(poses):
+            continue
+        T_first_world = T_first_world if means else inverse(poses[0])
+        minute = np.array([_pose_twist(T_first_world @ T) for T in poses])
+        means.append(minute.mean(axis=0))
+        sizes = np.concatenate([sizes, _twist_sizes(minute)])
+        rms, (drift,) = np.sqrt(np.mean(sizes**2, axis=0)), _twist_sizes(means[-1] - means[0])
+        lost = count - len(sizes)
+        yield (count, lost, *sizes.max(axis=0), *rms, *drift, cpu_ms / count)
 
 
 def _pose_twist(T: Array) -> Array:
@@ -323,10 +301,10 @@ def _pose_twist(T: Array) -> Array:
     return np.concatenate([T[:3, 3], np.degrees(so3_log(T[:3, :3]))])
 
 
-def _twist_size(twist: Array) -> Array:
-    """Size (2,) of a twist, meters and degrees."""
-    size: Array = np.linalg.norm(twist.reshape(2, 3), axis=1)
-    return size
+def _twist_sizes(twists: Array) -> Array:
+    """Sizes (N, 2) of twists (N, 6), meters and degrees."""
+    sizes: Array = np.linalg.norm(twists.reshape(-1, 2, 3), axis=2)
+    return sizes
 
 
 VARIANTS: Variants = {

@@ -14,7 +14,6 @@ are stored in FOLDER/results.json; remove that file to measure again.
 """
 
 import argparse
-import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -24,20 +23,18 @@ import numpy as np
 
 from benchmarks.harness import Json, ResultCache, Table, known_median, option
 from benchmarks.relocalization import TourSequence
-from benchmarks.tours import LoopClosureRunner
-from benchmarks.tracking import METHOD
+from benchmarks.tours import LoopClosureRunner, make_runner
+from benchmarks.tracking import METHOD, is_gross, pose_error
 from drivers.camera import RgbdFrame
-from drivers.core.geometry import Array, inverse, pose_distance
+from drivers.core.geometry import Array, inverse
 from vo_service.config_tables import MapConfig
 from vo_service.odometry.warm_up import warm_up
 from vo_service.slam.map_file import read_map, write_map
 from vo_service.slam.synchronous_loop_closure import (
     SynchronousLoopClosure,
     create_loop_closer_from_map,
-    create_synchronous_loop_closure,
 )
 from vo_service.terminal import Terminal
-from vo_service.tools.evaluation.metrics import GROSS_ERROR_DEG, GROSS_ERROR_M
 from vo_service.types.odometry_update import OdometryUpdate
 
 # Most frames of a start in the second session, and frames after its relocalization.
@@ -69,7 +66,7 @@ class SessionStartResult:
     @property
     def is_wrong(self) -> bool:
         """Whether the settled error is a gross error."""
-        return self.settled_error_m > GROSS_ERROR_M or self.settled_error_deg > GROSS_ERROR_DEG
+        return is_gross(self.settled_error_m, self.settled_error_deg)
 
 
 def second_half_start(tour: TourSequence) -> int:
@@ -79,7 +76,7 @@ def second_half_start(tour: TourSequence) -> int:
 
 def build_map(method: str, tour: TourSequence, file: Path) -> Array:
     """Save the map of the first half; return T_room_map (4, 4)."""
-    runner = LoopClosureRunner(method, create_synchronous_loop_closure(MapConfig()))
+    runner = make_runner(method)
     T_room_map = np.eye(4)
     for number in range(second_half_start(tour)):
         update = _track_frame(runner, tour.frame(number))
@@ -107,8 +104,7 @@ def relocalize_in_map(
         if snapshot.is_localized and update.estimate.ok:
             T_map_camera = snapshot.T_map_odom @ update.T_odom_camera
             truth = tour.T_room_camera[first + count]
-            error_m, error_rad = pose_distance(truth, T_room_map @ T_map_camera)
-            errors.append((error_m, math.degrees(error_rad)))
+            errors.append(pose_error(truth, T_room_map @ T_map_camera))
         count += 1
     if not errors:
         return SessionStartResult(None, 0.0, 0.0, 0.0, 0.0)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from benchmarks.harness import Table, Variants, measure_cpu_ms, option
 from benchmarks.rendered_sequences import GivenPoses, make_frame, prefetch
+from benchmarks.tracking import track_each
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import T_BODY_CAMERA, Array, inverse, rigid_transform, so3_exp
 from drivers.synthetic.camera_motion import CameraMotion, make_poses
@@ -27,7 +28,7 @@ from vo_service.navigation.grid_mapper import GridMapper
 from vo_service.navigation.grid_recorder import FRAME_STEP, GridRecorder
 from vo_service.navigation.robot_scan import RobotScanner
 from vo_service.navigation.scan import ScanAngles
-from vo_service.odom_frame import OdomFrame, StampedFrame
+from vo_service.odom_frame import OdomFrame
 from vo_service.odometry.registry import DEFAULT_METHOD, METHODS, MethodConfig
 from vo_service.odometry.stage_timers import CpuStageTimer
 from vo_service.odometry.warm_up import warm_up
@@ -228,7 +229,6 @@ REPEATED_KEYFRAMES = 1000
 
 @option("--keyframes", type=int, default=72, help="of each drive")
 @option("--seed", type=int, default=11, help="of the room")
-@option("--drift-mm", type=float, default=0.0, help="of each keyframe's pose")
 def grid(args: argparse.Namespace) -> None:
     """Measure the occupancy grid of a drive in a circle, against exact images and the room.
 
@@ -243,16 +243,13 @@ def grid(args: argparse.Namespace) -> None:
         drawing = GridMapper(ScanConfig(), T_base_camera, RESOLUTION_M, RANGE_MAX_M)
         truth = TrueCells()
         cells, poses, times_ms = [], [], []
-        rng = np.random.default_rng(3)
         for pair in room.pairs():
             T_world_camera = pair.T_world_base @ T_base_camera
             drawing.cells(pair.measured, T_world_camera)
             result_ms = measure_cpu_ms(partial(drawing.cells, pair.measured, T_world_camera))
             cells.append(result_ms[0])
             times_ms.append(result_ms[1])
-            error = rng.normal(0.0, 1e-3 * args.drift_mm, 3) * (1.0, 1.0, 0.2)
-            T_error = rigid_transform(so3_exp([0.0, 0.0, error[2]]), (error[0], error[1], 0.0))
-            poses.append(pair.T_world_base @ T_error @ T_base_camera)
+            poses.append(T_world_camera)
             truth.add(points_in_base(pair.exact, T_base_camera), pair.T_world_base, height_m + 0.15)
         frames = list(zip(cells, poses, strict=True))
         result = drawing.render(frames)
@@ -349,24 +346,23 @@ def compare_poses(
     mapper = GridMapper(ScanConfig(), T_base_camera, RESOLUTION_M, RANGE_MAX_M)
     recorders, truth = (GridRecorder(mapper), GridRecorder(mapper)), TrueCells()
     odometry = METHODS[DEFAULT_METHOD](MethodConfig(), CpuStageTimer())
-    odom_frame = OdomFrame(T_base_camera, True)
     T_world_odom, errors_m = np.eye(4), []
-    for seq, images in enumerate(prefetch(renderer.render, config.frame_count)):
-        stamp_s = seq / DRIVE_RATE_HZ
-        frame = odom_frame.add_pose_prior(make_frame(config, seq, stamp_s, images), stamp_s)
-        estimate = odometry.estimate(frame)
-        update = odom_frame.update(StampedFrame(frame, stamp_s), estimate, {}, 0.0)
-        odom_frame.measure_level(update)
-        T_true = motion.poses(np.array([stamp_s]))[0]
-        if seq == 0:
+    frames = (
+        make_frame(config, seq, seq / DRIVE_RATE_HZ, images)
+        for seq, images in enumerate(prefetch(renderer.render, config.frame_count))
+    )
+    for update, _ in track_each(odometry, frames, OdomFrame(T_base_camera, True)):
+        T_true = motion.poses(np.array([update.stamp_s]))[0]
+        if update.seq == 0:
             T_world_odom = T_true @ inverse(T_base_camera) @ inverse(update.T_odom_base)
         T_estimated = T_world_odom @ update.T_odom_camera
         if update.state is TrackingState.TRACKING:  # the grid has no others
             errors_m.append(np.linalg.norm(T_estimated[:3, 3] - T_true[:3, 3]))
         for recorder, T_world_camera in zip(recorders, (T_true, T_estimated), strict=True):
             recorder.on_update(replace(update, T_odom_camera=T_world_camera))
-        if seq % FRAME_STEP == 0:
-            points = points_in_base(_frame(exact_config, exact.render_depth(seq)), T_base_camera)
+        if update.seq % FRAME_STEP == 0:
+            depth = exact.render_depth(update.seq)
+            points = points_in_base(_frame(exact_config, depth), T_base_camera)
             truth.add(points, T_true @ inverse(T_base_camera), height_m + 0.15)
     figures: list[tuple[float, ...]] = [
         truth.compare(recorder.render(), room.solids, height_m + 0.15) for recorder in recorders

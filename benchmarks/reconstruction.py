@@ -12,7 +12,6 @@ import argparse
 import multiprocessing
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -76,36 +75,11 @@ def render_with_truth(config: SyntheticConfig) -> Iterator[tuple[RgbdFrame, Arra
             yield frame, truth.T_world_camera[frame.seq]
 
 
-@dataclass(frozen=True)
-class SurfaceError:
-    """Distances of a map's vertices from the true surface.
-
-    `median_m`, `p90_m` and `p99_m` are percentiles of the distance. `within_15mm` is the fraction
-    of the vertices within that distance.
-    """
-
-    vertices: int
-    median_m: float
-    p90_m: float
-    p99_m: float
-    within_15mm: float
-
-    @classmethod
-    def from_vertices(cls, vertices_m: Array, solids: Sequence[Solid]) -> "SurfaceError":
-        """Compute the errors of vertices (N, 3) in the room."""
-        off_m = distances_m(vertices_m, solids)
-        return cls(
-            vertices=len(off_m),
-            median_m=float(np.median(off_m)),
-            p90_m=float(np.percentile(off_m, 90)),
-            p99_m=float(np.percentile(off_m, 99)),
-            within_15mm=float(np.mean(off_m <= GOOD_DISTANCE_M)),
-        )
-
-    @property
-    def cells(self) -> tuple[float, ...]:
-        """The cells of `SURFACE_COLUMNS`."""
-        return (self.vertices, self.median_m, self.p90_m, self.p99_m, self.within_15mm)
+def surface_cells(vertices_m: Array, solids: Sequence[Solid]) -> tuple[float, ...]:
+    """The cells of `SURFACE_COLUMNS`: distances of vertices (N, 3) from the true surface."""
+    off_m = distances_m(vertices_m, solids)
+    percentiles_m = np.percentile(off_m, (50, 90, 99))
+    return (len(off_m), *percentiles_m, float(np.mean(off_m <= GOOD_DISTANCE_M)))
 
 
 def make_solids(config: SyntheticConfig) -> Sequence[Solid]:
@@ -168,13 +142,9 @@ def measure_poses(args: argparse.Namespace) -> None:
             posed = ((frame, known.pose_near(frame.stamp_s)) for frame in frames)
             fused = [(frame, T) for frame, T in posed if T is not None]
             add_ms, mesh_s, points_m = _fuse(ServiceVolume(voxel_m), fused)
-            surface = SurfaceError.from_vertices(points_m, solids)
-            ate_m = evaluate(known, truth).ate_rmse_m
-            costs = (median(add_ms), mesh_s)
-            print(
-                POSES_TABLE.row(f"{1e3 * voxel_m:g} mm, {name}", ate_m, *surface.cells, *costs),
-                flush=True,
-            )
+            cells = (evaluate(known, truth).ate_rmse_m, *surface_cells(points_m, solids))
+            row = f"{1e3 * voxel_m:g} mm, {name}"
+            print(POSES_TABLE.row(row, *cells, median(add_ms), mesh_s), flush=True)
 
 
 @option("config", metavar="CONFIG", type=Path)
@@ -191,14 +161,11 @@ def measure_maps(args: argparse.Namespace) -> None:
     truth = read_trajectory(args.recording / "groundtruth.txt")
     print(MAPS_TABLE.head)
     for folder in args.maps:
-        ate_m, surface = measure_map(folder, truth, solids)
-        print(MAPS_TABLE.row(str(folder), ate_m, *surface.cells), flush=True)
+        print(MAPS_TABLE.row(str(folder), *measure_map(folder, truth, solids)), flush=True)
 
 
-def measure_map(
-    folder: Path, truth: Trajectory, solids: Sequence[Solid]
-) -> tuple[float, SurfaceError]:
-    """Measure the ATE RMSE of a map's poses, and its surface.
+def measure_map(folder: Path, truth: Trajectory, solids: Sequence[Solid]) -> tuple[float, ...]:
+    """Measure the ATE RMSE of a map's poses, and its surface; return the cells of its row.
 
     Raises:
         InputError: There is no map in the folder.
@@ -206,7 +173,7 @@ def measure_map(
     poses = read_trajectory(folder / "trajectory.txt")
     T_room_map = first_pose_alignment(associate(poses, truth))
     in_room_m = transform_points(T_room_map, read_vertices_m(folder / "map.ply"))
-    return evaluate(poses, truth).ate_rmse_m, SurfaceError.from_vertices(in_room_m, solids)
+    return (evaluate(poses, truth).ate_rmse_m, *surface_cells(in_room_m, solids))
 
 
 def read_vertices_m(path: Path) -> Array:
@@ -295,9 +262,8 @@ class OpenCvHashVolume(OpenCvVolume):
 
     def _raycast_points_m(self, T_world_camera: Array) -> Array:
         assert self._volume is not None, "call add first"
-        points_m = _to_points_m(
-            np.asarray(self._volume.raycast(T_world_camera.astype(np.float32))[0])
-        )
+        points, *_ = self._volume.raycast(T_world_camera.astype(np.float32))
+        points_m = _to_points_m(np.asarray(points))
         met = np.all(np.isfinite(points_m), axis=1)
         return transform_points(T_world_camera, points_m[met])
 
@@ -371,10 +337,9 @@ def measure_volume(name: str, config: SyntheticConfig) -> tuple[float, ...]:
     add_ms, fetch_s, points_m = _fuse(volume, render_with_truth(config))
     used_mb = memory_mb(os.getpid(), "RssAnon") - before_mb
     del volume
-    surface = SurfaceError.from_vertices(
-        points_m[:: 1 + len(points_m) // MAX_POINTS], make_solids(config)
-    )
-    return (median(add_ms), max(add_ms), fetch_s, used_mb, *surface.cells)
+    some_m = points_m[:: 1 + len(points_m) // MAX_POINTS]
+    costs = (median(add_ms), max(add_ms), fetch_s, used_mb)
+    return (*costs, *surface_cells(some_m, make_solids(config)))
 
 
 def _fuse(

@@ -17,7 +17,6 @@ the first pose. "median", "largest" (mm) and "deg" are its errors in the old map
 """
 
 import argparse
-import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -29,15 +28,14 @@ from numpy.typing import NDArray
 from benchmarks.harness import Json, ResultCache, Table, known_median, option
 from benchmarks.rendered_sequences import THREADS
 from benchmarks.tours import compute_true_poses, make_runner, make_tour_config, make_tour_frame
-from benchmarks.tracking import METHOD
+from benchmarks.tracking import METHOD, is_gross, pose_error
 from drivers.camera import PinholeCamera, RgbdFrame
-from drivers.core.geometry import Array, inverse, pose_distance, transform_points
+from drivers.core.geometry import Array, inverse, transform_points
 from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.frame_provider import render_all
 from drivers.synthetic.sensors import RenderedImages
 from vo_service.odometry.warm_up import warm_up
 from vo_service.terminal import Terminal
-from vo_service.tools.evaluation.metrics import GROSS_ERROR_DEG, GROSS_ERROR_M
 from vo_service.types.estimate import Estimate
 
 # Two laps.
@@ -250,8 +248,7 @@ def evaluate_trial(
         if estimates[number].ok:
             T_world_camera, T_room = estimates[number].T_world_camera, T_room_camera[number]
             T = T_room_world.setdefault(epochs[number], T_room @ inverse(T_world_camera))
-            distance_m, angle_rad = pose_distance(T_room, T @ T_world_camera)
-            errors[number] = distance_m, math.degrees(angle_rad)
+            errors[number] = pose_error(T_room, T @ T_world_camera)
     first = min(errors, default=None)
     is_old = first is not None and bool(epochs[first] == old)
     error_m, error_deg = errors[first] if first is not None and is_old else (None, None)
@@ -260,10 +257,7 @@ def evaluate_trial(
         is_old_map=is_old,
         error_m=error_m,
         error_deg=error_deg,
-        is_wrong=any(
-            distance_m > GROSS_ERROR_M or angle_deg > GROSS_ERROR_DEG
-            for distance_m, angle_deg in errors.values()
-        ),
+        is_wrong=any(is_gross(*error) for error in errors.values()),
     )
 
 

@@ -15,10 +15,9 @@ MB is the memory of the whole program in these minutes, including the virtual Ki
 """
 
 import argparse
-import math
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -29,9 +28,9 @@ from benchmarks.harness import Json, ResultCache, Table, measure_cpu_ms, option
 from benchmarks.plots import Line, save_panels
 from benchmarks.processes import memory_mb
 from benchmarks.rendered_sequences import THREADS, make_frame, prefetch
-from benchmarks.tracking import METHOD, evaluate_poses, match_steps
+from benchmarks.tracking import METHOD, evaluate_poses, is_gross, match_steps, pose_error
 from drivers.camera import RgbdFrame
-from drivers.core.geometry import Array, Trajectory, inverse, poses_close
+from drivers.core.geometry import Array, Trajectory, inverse
 from drivers.synthetic.config import MotionKind, SyntheticConfig
 from drivers.synthetic.motions import make_motion
 from drivers.synthetic.renderer import make_renderer
@@ -48,8 +47,6 @@ from vo_service.slam.synchronous_loop_closure import (
 )
 from vo_service.terminal import Terminal
 from vo_service.tools.evaluation.metrics import (
-    GROSS_ERROR_DEG,
-    GROSS_ERROR_M,
     associate,
     best_alignment,
     count_gross_errors,
@@ -99,15 +96,6 @@ def render_frames(config: SyntheticConfig) -> Iterator[RgbdFrame]:
 def make_tour_frame(config: SyntheticConfig, seq: int, images: RenderedImages) -> RgbdFrame:
     """Make frame `seq` of a camera of `config` from its images, with a stamp in microseconds."""
     return make_frame(config, seq, round(seq / config.rate_hz, 6), images)
-
-
-@dataclass(frozen=True)
-class LoopClosureRecord:
-    """An accepted loop closure: T_keyframe_camera (4, 4) between two frames."""
-
-    keyframe_stamp_s: float
-    stamp_s: float
-    T_keyframe_camera: Array
 
 
 @dataclass(frozen=True)
@@ -171,17 +159,10 @@ class TourRecord:
     def wrong_loop_closures(self) -> int:
         """Number of loop closures with a gross error."""
         frames = np.searchsorted(self.stamp_s, self.loop_stamps_s)
-        return sum(
-            not poses_close(
-                inverse(self.T_room_camera[keyframe]) @ self.T_room_camera[camera],
-                T_keyframe_camera,
-                GROSS_ERROR_M,
-                math.radians(GROSS_ERROR_DEG),
-            )
-            for (keyframe, camera), T_keyframe_camera in zip(
-                frames, self.T_keyframe_camera, strict=True
-            )
-        )
+        before, after = (self.T_room_camera[of_loop] for of_loop in frames.T)
+        T_true = map(np.matmul, map(inverse, before), after)
+        errors = map(pose_error, T_true, self.T_keyframe_camera)
+        return sum(is_gross(*error) for error in errors)
 
 
 class LoopClosureRunner:
@@ -216,14 +197,16 @@ class LoopClosureRunner:
         """Return the optimized poses after the last frame."""
         return self.map.trajectory
 
-    def loop_closures(self) -> Sequence[LoopClosureRecord]:
-        """Return all loop closures so far. Those of a culled keyframe belong to its neighbor."""
+    def loop_closures(self) -> tuple[Array, Array]:
+        """Return stamps (L, 2) of keyframe and camera, and T_keyframe_camera, of all loop closures.
+
+        Those of a culled keyframe belong to its neighbor.
+        """
         database = self.map.loop_closer.database
-        return [
-            LoopClosureRecord(database[edge.a].stamp_s, database[edge.b].stamp_s, edge.T_a_b)
-            for edge in self.map.loop_closer.graph.edges
-            if edge.is_loop
-        ]
+        loops = [edge for edge in self.map.loop_closer.graph.edges if edge.is_loop]
+        stamps_s = [(database[edge.a].stamp_s, database[edge.b].stamp_s) for edge in loops]
+        motions = np.array([edge.T_a_b for edge in loops])
+        return np.array(stamps_s).reshape(-1, 2), motions.reshape(-1, 4, 4)
 
 
 def make_runner(method: str) -> LoopClosureRunner:
@@ -231,46 +214,14 @@ def make_runner(method: str) -> LoopClosureRunner:
     return LoopClosureRunner(method, create_synchronous_loop_closure(MapConfig()))
 
 
-@dataclass(frozen=True)
-class TourResult:
-    """The figures of one tour. None: could not be computed.
-
-    Attributes:
-        frames: Number of frames.
-        coverage: Fraction of the frames with a pose.
-        epochs: Epochs begun after the first.
-        gross: Tracked steps with an error above 5 cm or 3 degrees.
-        ate_m: ATE of the poses as they were estimated.
-        ate_optimized_m: ATE of the optimized poses at the end.
-        loop_closures: Number of loop closures.
-        wrong_loop_closures: Those with an error above 5 cm or 3 degrees.
-        cpu_ms: Mean time of a pose, in the first and in the last minute.
-        loop_closure_ms: Mean time of the map's work per frame, likewise.
-        memory_mb: Mean memory, likewise.
-    """
-
-    frames: int
-    coverage: float
-    epochs: int
-    gross: int
-    ate_m: float | None
-    ate_optimized_m: float | None
-    loop_closures: int
-    wrong_loop_closures: int
-    cpu_ms: tuple[float, float]
-    loop_closure_ms: tuple[float, float]
-    memory_mb: tuple[float, float]
-
-    def format_row(self, name: str) -> str:
-        """The line of the table."""
-        return TABLE.row(
-            name,
-            *(self.frames, 100.0 * self.coverage, self.epochs, self.gross),
-            *(self.ate_m, self.ate_optimized_m),
-            *(self.loop_closures, self.wrong_loop_closures),
-            *("{:.2f} {:.2f}".format(*pair) for pair in (self.cpu_ms, self.loop_closure_ms)),
-            "{:.0f} {:.0f}".format(*self.memory_mb),
-        )
+def format_row(name: str, result: Json) -> str:
+    """The line of the table."""
+    times = ("{:.2f} {:.2f}".format(*result[part]) for part in ("cpu_ms", "loop_closure_ms"))
+    memory = "{:.0f} {:.0f}".format(*result["memory_mb"])
+    counts = (result[each] for each in ("frames", "coverage_percent", "epochs", "gross"))
+    errors_m = (result["ate_m"], result["ate_optimized_m"])
+    loops = (result["loop_closures"], result["wrong_loop_closures"])
+    return TABLE.row(name, *counts, *errors_m, *loops, *times, memory)
 
 
 def run_tour(
@@ -291,7 +242,7 @@ def run_tour(
     stamp_s, T_world_camera, is_ok, is_reset, pose_ms, loop_closure_ms, used_mb = (
         np.array(column) for column in zip(*rows, strict=True)
     )
-    optimized, loops = runner.optimized_trajectory(), runner.loop_closures()
+    optimized = runner.optimized_trajectory()
     return TourRecord(
         stamp_s,
         T_room_camera[: len(rows)],
@@ -303,29 +254,28 @@ def run_tour(
         used_mb,
         optimized.stamps_s,
         optimized.T_world_camera,
-        np.array([(loop.keyframe_stamp_s, loop.stamp_s) for loop in loops]).reshape(-1, 2),
-        np.array([loop.T_keyframe_camera for loop in loops]).reshape(-1, 4, 4),
+        *runner.loop_closures(),
     )
 
 
-def summarize(record: TourRecord) -> TourResult:
-    """Compute the figures of a tour."""
+def summarize(record: TourRecord) -> Json:
+    """Compute the figures of a tour; pairs are those of the first and of the last minute."""
     steps = match_steps(record.trajectory, record.truth, record.epoch[record.has_pose])
     poses = evaluate_poses(record.trajectory, record.truth)
     optimized = evaluate_poses(record.optimized, record.truth)
-    return TourResult(
-        frames=len(record.has_pose),
-        coverage=float(record.has_pose.mean()),
-        epochs=int(record.epoch[-1]),
-        gross=count_gross_errors(*steps) if steps else 0,
-        ate_m=poses.ate_rmse_m if poses else None,
-        ate_optimized_m=optimized.ate_rmse_m if optimized else None,
-        loop_closures=len(record.loop_stamps_s),
-        wrong_loop_closures=record.wrong_loop_closures,
-        cpu_ms=_first_and_last(record.cpu_ms, record.stamp_s),
-        loop_closure_ms=_first_and_last(record.loop_closure_ms, record.stamp_s),
-        memory_mb=_first_and_last(record.memory_mb, record.stamp_s),
-    )
+    return {
+        "frames": len(record.has_pose),
+        "coverage_percent": 100.0 * float(record.has_pose.mean()),
+        "epochs": int(record.epoch[-1]),
+        "gross": count_gross_errors(*steps) if steps else 0,
+        "ate_m": poses and poses.ate_rmse_m,
+        "ate_optimized_m": optimized and optimized.ate_rmse_m,
+        "loop_closures": len(record.loop_stamps_s),
+        "wrong_loop_closures": record.wrong_loop_closures,
+        "cpu_ms": _first_and_last(record.cpu_ms, record.stamp_s),
+        "loop_closure_ms": _first_and_last(record.loop_closure_ms, record.stamp_s),
+        "memory_mb": _first_and_last(record.memory_mb, record.stamp_s),
+    }
 
 
 def _first_and_last(values: Array, stamps_s: Array) -> tuple[float, float]:
@@ -384,7 +334,7 @@ def main(args: argparse.Namespace) -> None:
         config = make_tour_config(seed, args.seconds, args.twins)
         file = args.folder / f"{name}.npz"
         result = cache.get_or_run(name, partial(_measure, args.method, config, file))
-        print(TourResult(**result).format_row(name), flush=True)
+        print(format_row(name, result), flush=True)
         names.append(name)
     if args.plot:
         records = {name: TourRecord.load(args.folder / f"{name}.npz") for name in names}
@@ -401,4 +351,4 @@ def _measure(method: str, config: SyntheticConfig, file: Path) -> Json:
     )
     record.save(file)
     terminal.clear()
-    return asdict(summarize(record))
+    return summarize(record)

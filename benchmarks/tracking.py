@@ -30,7 +30,7 @@ from vo_service.tools.evaluation.metrics import (
 )
 from vo_service.types.estimate import Estimate
 from vo_service.types.odometry import Odometry
-from vo_service.types.odometry_update import TrackingState
+from vo_service.types.odometry_update import OdometryUpdate, TrackingState
 
 READ_TIMEOUT_S = 60.0
 MAX_SIGMAS = 3.0
@@ -143,19 +143,13 @@ def track_with(
     odometry: Odometry, timer: CpuStageTimer, frames: Iterable[RgbdFrame], odom_frame: OdomFrame
 ) -> TrackedSequence:
     """As `track`, with an odometry and its timer."""
-    stamps_s, estimates, states, epochs, variances, cpu_ms, stage_ms = [], [], [], [], [], [], []
-    for bare_frame in frames:
-        frame = odom_frame.add_pose_prior(bare_frame, bare_frame.stamp_s)
-        estimate, spent_ms = measure_cpu_ms(partial(odometry.estimate, frame))
-        update = odom_frame.update(StampedFrame(frame, frame.stamp_s), estimate, {}, 0.0)
-        odom_frame.measure_level(update)
-        stamps_s.append(frame.stamp_s)
-        estimates.append(estimate)
-        states.append(update.state)
-        epochs.append(update.epoch)
-        variances.append(np.linalg.eigvalsh(update.pose_covariance[:3, :3])[-1])
-        cpu_ms.append(spent_ms)
-        stage_ms.append(timer.take_stage_ms())
+    rows = []  # without the updates, which have the frames
+    for update, spent_ms in track_each(odometry, frames, odom_frame):
+        variance = np.linalg.eigvalsh(update.pose_covariance[:3, :3])[-1]
+        published = (update.stamp_s, update.estimate, update.state, update.epoch, variance)
+        rows.append((*published, spent_ms, timer.take_stage_ms()))
+    columns = list(zip(*rows, strict=True)) or [()] * 7
+    stamps_s, estimates, states, epochs, variances, cpu_ms, stage_ms = columns
     return TrackedSequence(
         np.array(stamps_s),
         estimates,
@@ -165,6 +159,18 @@ def track_with(
         np.array(cpu_ms),
         stage_ms,
     )
+
+
+def track_each(
+    odometry: Odometry, frames: Iterable[RgbdFrame], odom_frame: OdomFrame
+) -> Iterator[tuple[OdometryUpdate, float]]:
+    """Yield the update that the service would publish for each frame, and its CPU milliseconds."""
+    for bare_frame in frames:
+        frame = odom_frame.add_pose_prior(bare_frame, bare_frame.stamp_s)
+        estimate, spent_ms = measure_cpu_ms(partial(odometry.estimate, frame))
+        update = odom_frame.update(StampedFrame(frame, frame.stamp_s), estimate, {}, 0.0)
+        odom_frame.measure_level(update)
+        yield update, spent_ms
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Tracking in hard cases of the virtual Kinect: difficult scenes, and standing still.
 
 python -m benchmarks hard_cases scenes FOLDER [--method direct] [--only dark wall]
-python -m benchmarks hard_cases still [--minutes 60] [--seed 1] [--method direct]
+python -m benchmarks hard_cases still [--minutes 60] [--method direct]
 """
 
 import argparse
@@ -250,7 +250,6 @@ class StaticView:
 
 
 @option("--minutes", type=int, default=60, help="minutes of frames")
-@option("--seed", type=int, default=1, help="seed of the room and of the noise")
 @METHOD
 def measure_standing_still(args: argparse.Namespace) -> None:
     """Drift of a stationary camera's pose, by default over an hour of frames.
@@ -261,7 +260,7 @@ def measure_standing_still(args: argparse.Namespace) -> None:
     of this minute's mean from that of the first; and the processor time of a frame. An hour of
     frames takes less than an hour of one core.
     """
-    config = replace(read_scene(STILL), seed=args.seed)
+    config = read_scene(STILL)
     warm_up(args.method, lambda stage: None)
     minute_frames = round(60 * config.rate_hz)
     print(STILL_TABLE.head, flush=True)

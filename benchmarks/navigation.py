@@ -61,6 +61,7 @@ CELL_COLUMNS = ("precision %:13.1f", "recall %:10.1f", "free %:8.1f", "in solids
 FLOOR_M = 0.03
 # Of the grid: the defaults of the configuration.
 RESOLUTION_M, RANGE_MAX_M = 0.05, 4.0
+ROOM_SEED = 11
 
 
 def mounting_pose(height_m: float, down_deg: float) -> Array:
@@ -84,14 +85,13 @@ class VirtualRoom:
     Args:
         T_world_base: (N, 4, 4) poses of the base.
         T_base_camera: 4x4.
-        seed: Of the room.
     """
 
-    def __init__(self, T_world_base: Array, T_base_camera: Array, seed: int) -> None:
+    def __init__(self, T_world_base: Array, T_base_camera: Array) -> None:
         motion = GivenPoses(T_world_base @ T_base_camera, 1.0)
         self._T_world_base = T_world_base
         self._config = config = SyntheticConfig(
-            seed=seed,
+            seed=ROOM_SEED,
             texel_m=0.05,
             rate_hz=1.0,
             duration_s=float(len(T_world_base)),
@@ -159,7 +159,6 @@ def true_ranges(
 
 
 @option("--views", type=int, default=24, help="of each mounting")
-@option("--seed", type=int, default=11, help="of the room")
 def scan(args: argparse.Namespace) -> None:
     """Measure the scan's error, phantoms and misses.
 
@@ -173,7 +172,7 @@ def scan(args: argparse.Namespace) -> None:
         errors: list[float] = []
         counts = np.zeros(4)  # ranges, phantoms, misses, phantoms with a wrong tilt
         times_ms = []
-        room = VirtualRoom(_random_places(args.views), T_base_camera, args.seed)
+        room = VirtualRoom(_random_places(args.views), T_base_camera)
         for pair in room.pairs():
             scanner = RobotScanner(config, T_base_camera)
             angles, ranges = scanner.scan(pair.measured, T_base_camera)
@@ -228,7 +227,6 @@ REPEATED_KEYFRAMES = 1000
 
 
 @option("--keyframes", type=int, default=72, help="of each drive")
-@option("--seed", type=int, default=11, help="of the room")
 def grid(args: argparse.Namespace) -> None:
     """Measure the occupancy grid of a drive in a circle, against exact images and the room.
 
@@ -239,7 +237,7 @@ def grid(args: argparse.Namespace) -> None:
     print(table.head)
     for height_m, down_deg in DRIVES:
         T_base_camera = mounting_pose(height_m, down_deg)
-        room = VirtualRoom(_drive(args.keyframes), T_base_camera, args.seed)
+        room = VirtualRoom(_drive(args.keyframes), T_base_camera)
         drawing = GridMapper(ScanConfig(), T_base_camera, RESOLUTION_M, RANGE_MAX_M)
         truth = TrueCells()
         cells, poses, times_ms = [], [], []
@@ -297,7 +295,6 @@ class RoundTrip(CameraMotion):
         return make_poses(position, yaw, np.full_like(yaw, self._down_rad), np.zeros_like(yaw))
 
 
-@option("--seed", type=int, default=11, help="of the room")
 def poses(args: argparse.Namespace) -> int:
     """Compare the grid by estimated poses of a drive in a circle with that by true poses.
 
@@ -309,7 +306,7 @@ def poses(args: argparse.Namespace) -> int:
     print(table.head)
     exit_code = 0
     for height_m, down_deg in DRIVES:
-        figures, counts, error_m = compare_poses(height_m, down_deg, args.seed)
+        figures, counts, error_m = compare_poses(height_m, down_deg)
         losses = [true - estimated for true, estimated in zip(*figures, strict=True)][:3]
         is_good = max(losses) <= MAX_LOSS
         exit_code |= not is_good
@@ -328,7 +325,7 @@ def poses(args: argparse.Namespace) -> int:
 
 
 def compare_poses(
-    height_m: float, down_deg: float, seed: int
+    height_m: float, down_deg: float
 ) -> tuple[list[tuple[float, ...]], list[int], float]:
     """Drive with a camera.
 
@@ -337,7 +334,7 @@ def compare_poses(
         the largest error of a position in the state `tracking`, m.
     """
     motion, T_base_camera = RoundTrip(height_m, down_deg), mounting_pose(height_m, down_deg)
-    fast = replace(SyntheticConfig.fast(), seed=seed, loop=False, rate_hz=DRIVE_RATE_HZ)
+    fast = replace(SyntheticConfig.fast(), seed=ROOM_SEED, loop=False, rate_hz=DRIVE_RATE_HZ)
     config = replace(fast, duration_s=motion.duration_s)
     room = RoomModel.build(config, motion, 1)
     renderer = Renderer(config, motion, room)

@@ -96,7 +96,7 @@ def format_runs(name: str, runs: Sequence[Accuracy]) -> str:
 
 
 @dataclass(frozen=True)
-class BoardRun:
+class LimitedRun:
     """One run of the service under limits.
 
     Attributes:
@@ -146,7 +146,7 @@ def measure_board(args: argparse.Namespace) -> int:
     return int(least.dropped > 0 or least.poses_per_s < MIN_POSES_PER_S)
 
 
-def run_board(case: str, percent: float, memory_mb: int, seconds: float) -> BoardRun:
+def run_board(case: str, percent: float, memory_mb: int, seconds: float) -> LimitedRun:
     """Start the service of a case under limits, warm up, and measure."""
     profile, config = BOARD_CASES[case]
     with (
@@ -163,7 +163,7 @@ def run_board(case: str, percent: float, memory_mb: int, seconds: float) -> Boar
     ):
         service.wait_until_streaming(time.monotonic(), START_TIMEOUT_S)
         time.sleep(WARM_UP_S)
-        return _measure_board(service, group, seconds)
+        return measure_limited(service, group, seconds)
 
 
 def _popen_in(group: ControlGroup) -> "type[subprocess.Popen[bytes]]":
@@ -180,13 +180,14 @@ def _popen_in(group: ControlGroup) -> "type[subprocess.Popen[bytes]]":
     return LimitedPopen
 
 
-def _measure_board(service: ServiceProcess, group: ControlGroup, seconds: float) -> BoardRun:
+def measure_limited(service: ServiceProcess, group: ControlGroup, seconds: float) -> LimitedRun:
+    """Measure a service in a control group from now on."""
     main = service.process.pid
     before, meter, throttled_s = service.received.statuses[-1], LoadMeter(main), group.throttled_s
     time.sleep(seconds)
     load, after = meter.read(), service.received.statuses[-1]
     frames = after.content["tracking"]["frames"] - before.content["tracking"]["frames"]
-    return BoardRun(
+    return LimitedRun(
         poses_per_s=frames / (after.receive_time_s - before.receive_time_s),
         dropped=after.content["camera"]["dropped"] - before.content["camera"]["dropped"],
         service_percent=load.percent(main),

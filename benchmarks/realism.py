@@ -26,14 +26,13 @@ RANSAC_ROUNDS = 200
 RANSAC_SEEDS = 9  # one run is not enough: the median and the range are printed
 INLIER_M = 0.03
 MIN_PAIRS = 6
+START_S = 0.1
 
 PosedFrame = tuple[RgbdFrame, Array]
 
 
 @option("track", type=Path, help="trajectory of a real hand, in TUM format")
-@option("--start-s", type=float, default=0.1, help="start in the track, seconds (%(default)s)")
 @option("--frames", type=int, default=360, help="number of frames (%(default)s)")
-@option("--seed", type=int, default=1, help="seed of the room (%(default)s)")
 @option("--folder", type=Path, help="a recording to compare with")
 def measure_realism(args: argparse.Namespace) -> None:
     """Realism of the virtual Kinect: errors of simple pipelines along a real hand's track.
@@ -49,9 +48,8 @@ def measure_realism(args: argparse.Namespace) -> None:
             posed = ((frame, truth.pose_near(frame.stamp_s)) for frame in frames)
             report(args.folder.name, [(frame, T) for frame, T in posed if T is not None])
     config = SyntheticConfig(
-        seed=args.seed,
         track=args.track,
-        track_start_s=args.start_s,
+        track_start_s=START_S,
         duration_s=args.frames / 30.0,
         camera=CAMERA,
     )

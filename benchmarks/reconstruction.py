@@ -1,8 +1,8 @@
 """Distance of reconstructed surfaces of a virtual room from the true ones.
 
-    python -m benchmarks reconstruction poses [--seconds 20] [--seed 1] [--voxels 0.01 0.02]
+    python -m benchmarks reconstruction poses [--seconds 20]
     python -m benchmarks reconstruction maps CONFIG RECORDING MAP...
-    python -m benchmarks reconstruction volumes [--seconds 10] [--seed 1] [--only NAME ...]
+    python -m benchmarks reconstruction volumes [--seconds 10]
 
 Distances are from every vertex or point to the nearest true surface, in millimeters. Times are CPU
 milliseconds of one thread, the median over the frames.
@@ -57,6 +57,7 @@ VOLUMES_TABLE = Table(
     22, "ms a frame:12.1f", "slowest:9.1f", "fetch s:9.2f", "MB:7.0f", *SURFACE_COLUMNS
 )
 MEMORY_MB = 2000
+VOXELS_M = (0.01, 0.02)
 MAX_DEPTH_M = TsdfConfig().max_depth_m
 TRUNCATION_VOXELS = 4.0
 RAYCAST_EVERY = 60
@@ -121,8 +122,6 @@ def _distance_m(local_m: Array, solid: Solid) -> Array:
 
 
 @option("--seconds", type=float, default=20.0)
-@option("--seed", type=int, default=1)
-@option("--voxels", type=float, nargs="+", default=[0.01, 0.02], metavar="M")
 def measure_poses(args: argparse.Namespace) -> None:
     """Maps of a virtual room with true poses, and with those of the odometry.
 
@@ -130,14 +129,14 @@ def measure_poses(args: argparse.Namespace) -> None:
     rolling shutter, depth 10 ms after color. The first pose of the odometry (`surf`) is aligned
     with the true one.
     """
-    config = SyntheticConfig(seed=args.seed, duration_s=args.seconds)
+    config = SyntheticConfig(duration_s=args.seconds)
     frames, poses = zip(*render_with_truth(config), strict=True)
     truth = Trajectory(np.array([frame.stamp_s for frame in frames]), np.array(poses))
     tracked = track("surf", frames).trajectory
     in_room = Trajectory(tracked.stamps_s, poses[0] @ tracked.T_world_camera)
     solids = make_solids(config)
     print(POSES_TABLE.head)
-    for voxel_m in args.voxels:
+    for voxel_m in VOXELS_M:
         for name, known in (("truth", truth), ("surf", in_room)):
             posed = ((frame, known.pose_near(frame.stamp_s)) for frame in frames)
             fused = [(frame, T) for frame, T in posed if T is not None]
@@ -307,8 +306,6 @@ CANDIDATES: Mapping[str, Callable[[], FusionVolume]] = {
 
 
 @option("--seconds", type=float, default=10.0)
-@option("--seed", type=int, default=1)
-@option("--only", nargs="+", choices=CANDIDATES, default=list(CANDIDATES))
 def measure_volumes(args: argparse.Namespace) -> None:
     """Our TSDF fusion compared with OpenCV's volumes, on the virtual room with true poses.
 
@@ -317,12 +314,12 @@ def measure_volumes(args: argparse.Namespace) -> None:
     limited to a box, here around the room; at 10 mm they would take 8 times the memory of 20 mm.
     Its surfaces are points; ours is a mesh with colors.
     """
-    config = SyntheticConfig(seed=args.seed, duration_s=args.seconds)
+    config = SyntheticConfig(duration_s=args.seconds)
     for _ in render_with_truth(config):  # rendered once, before anything is measured
         break
     print(VOLUMES_TABLE.head)
     with multiprocessing.get_context("spawn").Pool(1, maxtasksperchild=1) as processes:
-        for name in args.only:
+        for name in CANDIDATES:
             cells = processes.apply(measure_volume, (name, config))
             print(VOLUMES_TABLE.row(name, *cells), flush=True)
 

@@ -24,7 +24,8 @@ from statistics import mean
 
 from benchmarks.control_groups import limit_processes
 from benchmarks.harness import Table, Variants, combine_runs, option, run_in_turn
-from benchmarks.processes import LoadMeter, descendants_of
+from benchmarks.processes import descendants_of
+from benchmarks.profiles import measure_limited
 from benchmarks.rendered_sequences import prerender_room
 from drivers.core import UserFacingError
 from drivers.synthetic.config import SyntheticConfig
@@ -183,11 +184,11 @@ def measure_port_in_use(runner: ServiceRunner) -> FaultTiming:
 
 
 @dataclass(frozen=True)
-class SlowMachineResult:
-    """One run under a limit."""
+class SlowRun:
+    """One run under a limit, and what the status reports at its end."""
 
     poses_per_s: float
-    dropped: float
+    dropped: int
     steal_percent: float
     shed: str
 
@@ -230,7 +231,7 @@ def measure_slow_machine(args: argparse.Namespace) -> int:
     return 1 if worse else 0
 
 
-def run_limited(percent: float, adapts: bool, seconds: float) -> SlowMachineResult:
+def run_limited(percent: float, adapts: bool, seconds: float) -> SlowRun:
     """Start everything, warm up, then limit the processor time and measure."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -247,16 +248,9 @@ def run_limited(percent: float, adapts: bool, seconds: float) -> SlowMachineResu
             service.wait_until_streaming(time.monotonic())
             time.sleep(WARM_UP_S)
             group.add([service.process.pid, *descendants_of(service.process.pid)])
-            before, meter = service.status, LoadMeter()
-            time.sleep(seconds)
-            after = service.status
-    warnings = [clause for clause in after["warnings"] if VIEWER_PAUSED_TEXT in clause]
-    return SlowMachineResult(
-        poses_per_s=(after["tracking"]["frames"] - before["tracking"]["frames"]) / seconds,
-        dropped=after["camera"]["dropped"] - before["camera"]["dropped"],
-        steal_percent=meter.read().steal_percent,
-        shed="; ".join(warnings),
-    )
+            run = measure_limited(service, group, seconds)
+            warnings = [text for text in service.status["warnings"] if VIEWER_PAUSED_TEXT in text]
+    return SlowRun(run.poses_per_s, run.dropped, run.steal_percent, "; ".join(warnings))
 
 
 VARIANTS: Variants = {

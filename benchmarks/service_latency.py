@@ -8,7 +8,6 @@ import argparse
 import json
 import os
 import signal
-import subprocess
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -20,6 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.harness import Table, Variants, combine_runs, option, run_in_turn
+from benchmarks.piped_process import PipedProcess, running_process
 from benchmarks.processes import LoadMeter
 from benchmarks.rendered_sequences import prerender_room
 from benchmarks.subscriber import Subscriber, running_subscriber
@@ -174,18 +174,14 @@ def _save_map(service: ServiceProcess) -> None:
 
 
 @contextmanager
-def _rerun_server() -> Iterator[tuple["subprocess.Popen[bytes]", int]]:
+def _rerun_server() -> Iterator[tuple[PipedProcess, int]]:
     """Run Rerun's server in place of a viewer; kill it at the end."""
     port = free_port()
-    options = ["--serve-grpc", "--bind", "127.0.0.1", "--port", str(port)]
-    command = [str(rerun_binary()), *options, "--server-memory-limit", "100MB"]
-    quiet = subprocess.DEVNULL
-    with subprocess.Popen(command, stdout=quiet, stderr=quiet) as process:
-        try:
-            time.sleep(1.0)
-            yield process, port
-        finally:
-            process.kill()
+    options = ("--serve-grpc", "--bind", "127.0.0.1", "--port", str(port))
+    limit = ("--server-memory-limit", "100MB")
+    with running_process(rerun_binary(), *options, *limit) as process:
+        time.sleep(1.0)
+        yield process, port
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Soak tests of the whole service: growth of its resources, and lost frames of a Kinect.
 
     python -m benchmarks soak service STATE.json [--frames 200000] [--rate 60] [--plot FILE.png]
-    python -m benchmarks soak kinect [--minutes 10] [--patient] [--recording FOLDER]
+    python -m benchmarks soak kinect [--minutes 10] [--recording FOLDER]
 
 The real `kinect-vo run`, and a separate subscriber that receives every pose.
 """
@@ -341,7 +341,6 @@ def report_growth(record: SoakRecord, warm_up: int) -> int:
 
 
 @option("--minutes", type=float, default=10.0, help="duration (default: 10)")
-@option("--patient", action="store_true", help="lose no packets on the bus")
 @option("--recording", type=Path, metavar="FOLDER", help="what the Kinect sees")
 def soak_kinect(args: argparse.Namespace) -> int:
     """Lost frames, CPU time and memory of the whole service on a simulated Kinect.
@@ -349,14 +348,12 @@ def soak_kinect(args: argparse.Namespace) -> int:
     The service runs at 30 frames per second, with the flight recorder and without a viewer. The
     Kinect plays a short rendered sequence, or a recording, forwards and backwards. Its clock wraps
     a third into the run, or 20 s into a long one, and every 71.6 s after that. Like a real bus, the
-    simulator loses packets of a driver that is late by 32 ms; with --patient it waits, for a busy
-    machine. Exit code 1 if any frame is lost.
+    simulator loses packets of a driver that is late by 32 ms. Exit code 1 if any frame is lost.
     """
     seconds = 60.0 * args.minutes
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         with make_kinect(folder, args.recording) as kinect:
-            kinect.waits_for_reader = args.patient
             wrap_s = min(FIRST_WRAP_S, seconds / 3) + WARM_UP_S
             kinect.start_ticks = 2**32 - round(wrap_s * TICKS_PER_S)
             with running_service(folder, kinect.environment, popen=subprocess.Popen) as service:

@@ -20,22 +20,19 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.frame_sender import make_update
 from benchmarks.harness import Table, option
 from benchmarks.piped_process import print_ready, running_process
 from benchmarks.processes import Load, LoadMeter
 from benchmarks.subscriber import Arrivals, running_subscriber
-from drivers.camera import PinholeCamera, RgbdFrame
 from tests.ports import free_port, is_listening
+from tests.vo_service.outputs.sample_updates import make_update
+from tests.vo_service.security.tls_network import HOST, VALIDITY_DAYS, TlsNetwork
 from tests.vo_service.service_process import KINECT_VO
 from tests.waiting import wait_until
 from vo_service.config_tables import ZenohConfig
 from vo_service.outputs.zenoh.output import LIVE_QOS, ZenohOutput
 from vo_service.tools.certificates import CertificateAuthority
 
-TEMPLATES = Path(__file__).parents[1] / "config" / "zenoh"
-HOST = "127.0.0.1"
-VALIDITY_DAYS = 2
 POSES_PER_SECOND = 30
 ROBOTS = (sys.executable, "-m", "benchmarks.fleet")
 TABLE = Table(
@@ -57,19 +54,16 @@ class FleetFiles:
 
 def write_fleet_files(folder: Path, robots: Sequence[str], port: int) -> FleetFiles:
     """Create all keys, and write the files for a router at a port of 127.0.0.1."""
-    authority = CertificateAuthority(folder)
-    router = authority.issue_server_certificate([HOST], VALIDITY_DAYS)
-    reader = authority.issue_client_certificate("reader", VALIDITY_DAYS)
-    homes = [authority.issue_client_certificate(name, VALIDITY_DAYS) for name in robots]
-    text = (TEMPLATES / "fleet-router.json5").read_text().replace("0.0.0.0:7447", f"{HOST}:{port}")
-    at_router = ("robot1.local:7451", "router.local:7447")
+    authority, network = CertificateAuthority(folder), TlsNetwork(folder, port, port)
+    authority.issue_server_certificate([HOST], VALIDITY_DAYS)
+    for name in ("reader", *robots):
+        authority.issue_client_certificate(name, VALIDITY_DAYS)
+    router = network.file("fleet-router.json5", HOST)
+    router.write_text(_add_robots(router.read_text(), robots))
     return FleetFiles(
-        router=_write(router / "router.json5", _add_robots(text, robots)),
-        reader=_write(reader / "reader.json5", _redirect("reader-tls.json5", at_router, port)),
-        robots=[
-            _write(home / "robot.json5", _redirect("fleet-robot.json5", at_router, port))
-            for home in homes
-        ],
+        router=router,
+        reader=network.file("reader-tls.json5", "reader"),
+        robots=[network.file("fleet-robot.json5", name) for name in robots],
     )
 
 
@@ -82,19 +76,6 @@ def _add_robots(text: str, robots: Sequence[str]) -> str:
         elif '"robot2"' not in line:
             lines.append(line)
     return "\n".join(lines)
-
-
-def _redirect(name: str, addresses: Sequence[str], port: int) -> str:
-    """Change a provided profile to connect to our router and not to listen."""
-    text = (TEMPLATES / name).read_text().replace('"tcp/127.0.0.1:7450"', "")
-    for address in addresses:
-        text = text.replace(address, f"{HOST}:{port}")
-    return text
-
-
-def _write(file: Path, text: str) -> Path:
-    file.write_text(text)
-    return file
 
 
 @option("--robots", type=int, default=20)
@@ -152,8 +133,7 @@ def publish_poses(seconds: int, files: list[Path]) -> None:
         ZenohOutput(ZenohConfig(prefix=file.parent.name, config_file=file, listen=()), LIVE_QOS)
         for file in files
     ]
-    image, camera = np.zeros((2, 2), np.uint16), PinholeCamera(2, 2, 1.0, 1.0, 0.5, 0.5)
-    update = make_update(RgbdFrame(0, 0.0, 0.0, np.zeros((2, 2, 3), np.uint8), image, 1e3, camera))
+    update = make_update(0)
     if not all(robot.wait_for_subscriber(CONNECT_TIMEOUT_S) for robot in robots):
         raise SystemExit("no reader")
     print_ready()

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from benchmarks.harness import Table, option
 from drivers.camera import AccelerometerReading, PinholeCamera, RgbdFrame
 from drivers.core.geometry import (
+    R_BODY_OPTICAL,
     STANDARD_GRAVITY_M_S2,
     Array,
     inverse,
@@ -114,8 +115,7 @@ def simulate(drift_deg: float, has_floor: bool, minutes: float, seed: int) -> tu
 
 def _mount() -> Array:
     down = so3_exp([0.0, DOWN_RAD, 0.0])
-    optical = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-    return rigid_transform(down @ optical, (0.1, 0.0, HEIGHT_M))
+    return rigid_transform(down @ R_BODY_OPTICAL, (0.1, 0.0, HEIGHT_M))
 
 
 def _motion(stamp_s: float) -> tuple[Array, Array]:

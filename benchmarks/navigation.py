@@ -18,11 +18,12 @@ from benchmarks.harness import Table, Variants, measure_cpu_ms, option
 from benchmarks.rendered_sequences import GivenPoses, make_frame, prefetch
 from benchmarks.tracking import track_each
 from drivers.camera import RgbdFrame
-from drivers.core.geometry import T_BODY_CAMERA, Array, inverse, rigid_transform, so3_exp
+from drivers.core.geometry import Array, inverse, rigid_transform, so3_exp
 from drivers.synthetic.camera_motion import CameraMotion, make_poses
 from drivers.synthetic.config import ShutterTiming, SyntheticConfig
 from drivers.synthetic.renderer import Renderer, RoomModel
 from drivers.synthetic.solids import SolidArrays, SolidKind
+from tests.vo_service.navigation.views import mounted
 from vo_service.config_tables import ScanConfig
 from vo_service.navigation.grid_mapper import GridMapper
 from vo_service.navigation.grid_recorder import FRAME_STEP, GridRecorder
@@ -62,12 +63,6 @@ FLOOR_M = 0.03
 # Of the grid: the defaults of the configuration.
 RESOLUTION_M, RANGE_MAX_M = 0.05, 4.0
 ROOM_SEED = 11
-
-
-def mounting_pose(height_m: float, down_deg: float) -> Array:
-    """4x4 pose of the optical camera in the base."""
-    R = so3_exp([0.0, np.radians(down_deg), 0.0])
-    return rigid_transform(R, (0.0, 0.0, height_m)) @ T_BODY_CAMERA
 
 
 @dataclass(frozen=True)
@@ -168,7 +163,7 @@ def scan(args: argparse.Namespace) -> None:
     print(SCAN_TABLE.head)
     config = ScanConfig()
     for height_m, down_deg in MOUNTINGS:
-        T_base_camera = mounting_pose(height_m, down_deg)
+        T_base_camera = mounted(height_m, down_deg)
         errors: list[float] = []
         counts = np.zeros(4)  # ranges, phantoms, misses, phantoms with a wrong tilt
         times_ms = []
@@ -236,7 +231,7 @@ def grid(args: argparse.Namespace) -> None:
     table = Table(14, *CELL_COLUMNS, "cells:8d", "frame ms:10.2f", "1000 ms:9.1f")
     print(table.head)
     for height_m, down_deg in DRIVES:
-        T_base_camera = mounting_pose(height_m, down_deg)
+        T_base_camera = mounted(height_m, down_deg)
         room = VirtualRoom(_drive(args.keyframes), T_base_camera)
         drawing = GridMapper(ScanConfig(), T_base_camera, RESOLUTION_M, RANGE_MAX_M)
         truth = TrueCells()
@@ -333,7 +328,7 @@ def compare_poses(
         The figures of the grids by true and by estimated poses, the number of frames in each, and
         the largest error of a position in the state `tracking`, m.
     """
-    motion, T_base_camera = RoundTrip(height_m, down_deg), mounting_pose(height_m, down_deg)
+    motion, T_base_camera = RoundTrip(height_m, down_deg), mounted(height_m, down_deg)
     fast = replace(SyntheticConfig.fast(), seed=ROOM_SEED, loop=False, rate_hz=DRIVE_RATE_HZ)
     config = replace(fast, duration_s=motion.duration_s)
     room = RoomModel.build(config, motion, 1)

@@ -31,23 +31,15 @@ from benchmarks.tracking import open_frames_with_truth
 from drivers.calibration import find_calibration, format_calibration
 from drivers.camera import Clock, PlaybackMode, SensorConfig
 from drivers.core.geometry import Trajectory, read_trajectory
-from drivers.freenect.bindings import (
-    CAMERA_ONLY,
-    COLOR_BAYER,
-    DEPTH_11_BIT_PACKED,
-    FRAME_CALLBACK,
-    RESOLUTION_640X480,
-    TimeValue,
-    load_library,
-)
+from drivers.freenect.bindings import COLOR_BAYER, DEPTH_11_BIT_PACKED, FRAME_CALLBACK
 from drivers.freenect.camera import FreenectCamera
 from drivers.freenect.sources import KinectSource
 from drivers.kinect_usb.motor_unit import MotorUnit
-from drivers.kinect_usb.usb_devices import find_kinect
 from drivers.subprocess_camera.camera import SubprocessCamera
 from tests.simulators.fakenect_dump import write_fakenect_dump
 from tests.simulators.fixtures import FRAME_COUNT, pattern_frame
 from tests.simulators.frame_sources import folder_frames, write_fitted_usb_frames
+from tests.simulators.freenect_probe import FreenectProbe, StreamCapture
 from tests.simulators.kinect_simulator import (
     IDENTITY,
     KinectSimulator,
@@ -59,7 +51,6 @@ from tests.vo_service.service_process import KINECT_VO
 from vo_service.tools.evaluation.evaluation import evaluate
 
 WARM_UP_S = 2.0
-COLOR_BYTES, DEPTH_BYTES = 640 * 480, 640 * 480 * 11 // 8
 COST_TABLE = Table(12, "% of a core:12.2f", "ratio:8.2f")
 PATHS_TABLE = Table(22, "poses:6d", "ATE:9.2mm", "farthest:10.3mm")
 RATE_HZ = 30.0
@@ -76,30 +67,24 @@ def make_kinect_without_motor() -> FreenectCamera:
     return FreenectCamera(KinectSource("", settings), None, MotorUnit(), settings)
 
 
+class CopyingProbe(FreenectProbe):
+    """A program on libfreenect whose callbacks copy the images as they are sent."""
+
+    def _make_callback(self, capture: StreamCapture, mode: Any, kind: type[np.generic]) -> Any:
+        buffer = ctypes.create_string_buffer(mode.bytes)
+
+        def copy(_device: int, pixels: int, _stamp: int) -> None:
+            ctypes.memmove(buffer, pixels, mode.bytes)
+
+        self._callbacks.append(FRAME_CALLBACK(copy))
+        return self._callbacks[-1]
+
+
 def measure_bare_loop(seconds: float) -> float:
-    """Measure a loop around libfreenect with callbacks that copy the images as they are sent."""
-    library = load_library()
-    context, device = ctypes.c_void_p(), ctypes.c_void_p()
-    library.freenect_init(ctypes.byref(context), None)
-    library.freenect_select_subdevices(context, CAMERA_ONLY)
-    serial = find_kinect("").read_serial()
-    library.freenect_open_device_by_camera_serial(context, ctypes.byref(device), serial.encode())
-    depth = library.freenect_find_depth_mode(RESOLUTION_640X480, DEPTH_11_BIT_PACKED.number)
-    library.freenect_set_depth_mode(device, depth)
-    color = library.freenect_find_video_mode(RESOLUTION_640X480, COLOR_BAYER.number)
-    library.freenect_set_video_mode(device, color)
-    callbacks = [_make_copying_callback(COLOR_BYTES), _make_copying_callback(DEPTH_BYTES)]
-    library.freenect_set_video_callback(device, callbacks[0])
-    library.freenect_set_depth_callback(device, callbacks[1])
-    library.freenect_start_depth(device)
-    library.freenect_start_video(device)
-    step = partial(library.freenect_process_events_timeout, context, TimeValue(0, 20_000))
-    percent = _measure_load(step, seconds).percent()
-    library.freenect_stop_depth(device)
-    library.freenect_stop_video(device)
-    library.freenect_close_device(device)
-    library.freenect_shutdown(context)
-    return percent
+    """Measure a loop around libfreenect."""
+    with CopyingProbe() as probe:
+        probe.start(DEPTH_11_BIT_PACKED.number, COLOR_BAYER.number)
+        return _measure_load(lambda: probe.process(0.02), seconds).percent()
 
 
 def measure_subprocess(seconds: float) -> float:
@@ -116,15 +101,6 @@ DRIVERS: Mapping[str, Callable[[float], float]] = {
     "bare": measure_bare_loop,
     "isolated": measure_subprocess,
 }
-
-
-def _make_copying_callback(size: int) -> Any:
-    buffer = ctypes.create_string_buffer(size)
-
-    def copy(_device: int, pixels: int, _stamp: int) -> None:
-        ctypes.memmove(buffer, pixels, size)
-
-    return FRAME_CALLBACK(copy)
 
 
 def _measure_load(step: Callable[[], object], seconds: float) -> Load:

@@ -150,7 +150,8 @@ def run_board(case: str, percent: float, memory_mb: int, seconds: float) -> Limi
     """Start the service of a case under limits, warm up, and measure."""
     profile, config = BOARD_CASES[case]
     with (
-        tempfile.TemporaryDirectory() as name,
+        # The recorder of the killed service may still write.
+        tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as name,
         limit_processes(percent, memory_mb) as group,
         running_service(
             Path(name) / "service",

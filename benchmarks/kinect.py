@@ -49,6 +49,7 @@ from tests.simulators.kinect_simulator import (
 from tests.simulators.oni_writer import frames_to_oni_images, write_oni
 from tests.vo_service.service_process import KINECT_VO
 from vo_service.tools.evaluation.evaluation import evaluate
+from vo_service.tools.evaluation.metrics import associate, position_errors_m
 
 WARM_UP_S = 2.0
 COST_TABLE = Table(12, "% of a core:12.2f", "ratio:8.2f")
@@ -190,7 +191,7 @@ def _compare(folder: Path, max_frames: int | None, scratch: Path) -> None:
             trajectory = _match_to_frames(trajectory, stamps_s, truth)
             reference = trajectory if name == "folder" else reference
             ate_m = evaluate(trajectory, truth).ate_rmse_m
-            max_m = max_distance_m(trajectory, reference)
+            max_m = position_errors_m(associate(trajectory, reference), np.eye(4)).max()
             print(PATHS_TABLE.row(name, len(trajectory), ate_m, max_m), flush=True)
 
 
@@ -235,18 +236,6 @@ def _match_to_frames(estimated: Trajectory, stamps_s: np.ndarray, truth: Traject
         poses = estimated.T_world_camera[inside]
         candidates.append(Trajectory(stamps_s[index[inside] + first], poses))
     return min(candidates, key=lambda poses: evaluate(poses, truth).ate_rmse_m)
-
-
-def max_distance_m(estimated: Trajectory, reference: Trajectory) -> float:
-    """Largest distance between positions of the same frame."""
-    position = {
-        round(stamp_s, 3): T[:3, 3]
-        for stamp_s, T in zip(reference.stamps_s, reference.T_world_camera, strict=True)
-    }
-    return max(
-        float(np.linalg.norm(T[:3, 3] - position[round(stamp_s, 3)]))
-        for stamp_s, T in zip(estimated.stamps_s, estimated.T_world_camera, strict=True)
-    )
 
 
 VARIANTS: Variants = {

@@ -18,8 +18,6 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from benchmarks.harness import Table, option
 from benchmarks.piped_process import print_ready, running_process
 from benchmarks.processes import Load, LoadMeter
@@ -85,16 +83,15 @@ def main(args: argparse.Namespace) -> int:
     """Measure and print a table."""
     with tempfile.TemporaryDirectory() as folder:
         arrivals, load = run_fleet(Path(folder), args.robots, args.seconds, args.processes)
-    ms, sent = arrivals.latency_ms, args.robots * args.seconds * POSES_PER_SECOND
-    p50_ms, p99_ms = np.percentile(ms, (50, 99)) if len(ms) else (0.0, 0.0)
+    received, sent = len(arrivals), args.robots * args.seconds * POSES_PER_SECOND
     router, reader, *robots = load.cpu_s
     row = TABLE.row(
         f"{args.robots} robots",
-        *(sent, sent - len(ms), p50_ms, p99_ms, ms.max(initial=0.0)),
+        *(sent, sent - received, *arrivals.latency_spread_ms),
         *(load.percent(router), load.percent(reader), load.percent(*robots), load.steal_percent),
     )
     print(f"{TABLE.head}\n{row}")
-    return 1 if len(ms) < sent else 0
+    return 1 if received < sent else 0
 
 
 def run_fleet(folder: Path, robots: int, seconds: int, processes: int) -> tuple[Arrivals, Load]:

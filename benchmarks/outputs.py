@@ -214,7 +214,7 @@ def measure_case(
         poses = pose_reader.end().between(begin_s)
     lost = [count * len(keys) - len(each) for keys, each in zip(case.readers, images, strict=False)]
     return (
-        *(*np.percentile(poses.latency_ms, [50, 99]), poses.latency_ms.max(), poses.lost),
+        *(*poses.latency_spread_ms, poses.lost),
         None if case.is_stopped else max(lost, default=0),
         *(1e3 * float(np.mean(taken_s)), cpu_ms),
         max((1e3 * each.cpu_s / (count + WARM_UP_FRAMES) for each in images), default=0.0),

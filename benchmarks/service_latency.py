@@ -16,8 +16,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-
 from benchmarks.harness import Table, Variants, combine_runs, option, run_in_turn
 from benchmarks.piped_process import PipedProcess, running_process
 from benchmarks.processes import LoadMeter
@@ -271,14 +269,13 @@ def measure(
     time.sleep(DRAIN_S)
     arrival_s = stamp_to_arrival_s()
     arrivals = subscriber.end().between(begin_s, end_s - arrival_s)
-    latency_ms = arrivals.latency_ms - 1e3 * arrival_s
     count = len(arrivals)
     service_ms = load.per_frame_ms(count, main)
-    p50_ms, p99_ms = np.percentile(latency_ms, (50, 99))
+    p50_ms, p99_ms, max_ms = (ms - 1e3 * arrival_s for ms in arrivals.latency_spread_ms)
     return LatencyResult(
-        p50_ms=float(p50_ms),
-        p99_ms=float(p99_ms),
-        max_ms=float(latency_ms.max()),
+        p50_ms,
+        p99_ms,
+        max_ms,
         dropped=status["camera"]["dropped"] - dropped,
         lost=arrivals.lost,
         service_ms=service_ms,

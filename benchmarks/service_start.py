@@ -19,10 +19,10 @@ from benchmarks.harness import option
 from benchmarks.simulated_kinect import make_kinect
 from tests.ports import free_port
 from tests.vo_service.service_process import KINECT_VO
+from tests.waiting import wait_until
 from vo_service import PoseClient
 
 START_TIMEOUT_S = 300.0
-POLL_PERIOD_S = 0.05
 JPEG = b"\xff\xd8\xff"
 
 
@@ -100,10 +100,12 @@ def first_picture_of_demo_s(start: Start) -> float:
     begin_s = time.monotonic()
     command = "demo", "--config", start.config, "--output", recording.parent
     with running_command(start.folder, {}, *command) as process:
-        while not (recording.exists() and JPEG in recording.read_bytes()):
-            if process.poll() is not None or time.monotonic() - begin_s > START_TIMEOUT_S:
-                raise RuntimeError("the demo recorded no image")
-            time.sleep(POLL_PERIOD_S)
+
+        def has_picture() -> bool:
+            assert process.poll() is None, "the demo has ended"
+            return recording.exists() and JPEG in recording.read_bytes()
+
+        wait_until(has_picture, "an image of the demo", timeout_s=START_TIMEOUT_S)
         return time.monotonic() - begin_s
 
 

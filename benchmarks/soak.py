@@ -16,6 +16,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from itertools import pairwise
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -106,8 +107,7 @@ class SoakSample:
     lost: int
 
 
-@dataclass(frozen=True)
-class SoakCheck:
+class SoakCheck(NamedTuple):
     """One figure and its limit."""
 
     name: str
@@ -117,7 +117,6 @@ class SoakCheck:
 
     @property
     def is_within_limit(self) -> bool:
-        """Whether the value is within the limit."""
         return self.value <= self.limit
 
 

@@ -61,6 +61,13 @@ class Arrivals:
         """Time from the stamp of each message until it was decoded."""
         return 1e3 * (self.receive_time_s - self.stamp_s)
 
+    @property
+    def latency_spread_ms(self) -> tuple[float, float, float]:
+        """Median, 99th percentile and maximum of the latency; 0 without messages."""
+        latency_ms = self.latency_ms if len(self) else np.zeros(1)
+        median_ms, p99_ms, max_ms = np.percentile(latency_ms, (50, 99, 100)).tolist()
+        return median_ms, p99_ms, max_ms
+
 
 class Subscriber:
     """A running subscriber process."""

@@ -4,7 +4,8 @@ import argparse
 import random
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
 
@@ -102,28 +103,26 @@ def _explained_variance(lit: Array, brightness: Array) -> Array:
     return np.asarray((lit @ brightness) ** 2 / np.where(squares > 0.0, squares, np.inf))
 
 
-class BlinkingLight:
-    """Switches an LED at irregular times in a thread, and records the times."""
+@contextmanager
+def blinking(switch: Callable[[bool], None]) -> Iterator[list[float]]:
+    """Switch an LED at irregular times in a thread; yield the list of these times, which grows."""
+    is_over, switched_s = threading.Event(), list[float]()
 
-    def __init__(self, switch: Callable[[bool], None]) -> None:
-        self._switch = switch
-        self._stop = threading.Event()
-        self.switched_s: list[float] = []
-        self._thread = threading.Thread(target=self._run, name="light", daemon=True)
-        self._thread.start()
-
-    def _run(self) -> None:
+    def run() -> None:
         is_on = False
-        while not self._stop.wait(random.uniform(MIN_SWITCH_S, MAX_SWITCH_S)):
+        while not is_over.wait(random.uniform(MIN_SWITCH_S, MAX_SWITCH_S)):
             is_on = not is_on
             begin_s = time.monotonic()
-            self._switch(is_on)
-            self.switched_s.append((begin_s + time.monotonic()) / 2)
+            switch(is_on)
+            switched_s.append((begin_s + time.monotonic()) / 2)
 
-    def stop(self) -> None:
-        """Stop switching."""
-        self._stop.set()
-        self._thread.join()
+    thread = threading.Thread(target=run, name="light", daemon=True)
+    thread.start()
+    try:
+        yield switched_s
+    finally:
+        is_over.set()
+        thread.join()
 
 
 @option("--serial", default="", help="serial number (default: the first Kinect)")
@@ -157,21 +156,18 @@ class LedObservations:
 def record_led(serial: str, seconds: float) -> LedObservations:
     """Record frames for `seconds` while the LED is switched; the first switch is to on."""
     recipe = partial(make_kinect_camera, serial, SensorConfig(led=Led.OFF), None)
-    observations, base = LedObservations([], [], []), KinectMotorUnit()
-    with SubprocessCamera("freenect", Clock.MONOTONIC, recipe, PlaybackMode.LOCKSTEP) as camera:
+    camera = SubprocessCamera("freenect", Clock.MONOTONIC, recipe, PlaybackMode.LOCKSTEP)
+    observations = LedObservations([], [], [])
+    with camera, closing(KinectMotorUnit()) as base:
         try:
             observations.add(camera.read(FIRST_FRAME_TIMEOUT_S))
             base.open(serial)
-            light = BlinkingLight(lambda is_on: base.set_led(Led.GREEN if is_on else Led.OFF))
-            try:
+            with blinking(lambda is_on: base.set_led(Led.GREEN if is_on else Led.OFF)) as times_s:
                 while observations.stamps_s[-1] - observations.stamps_s[0] < seconds:
                     observations.add(camera.read(FIRST_FRAME_TIMEOUT_S))
-            finally:
-                light.stop()
-                base.close()
+            observations.switched_s.extend(times_s)
         except FrameTimeout:
             raise UserFacingError(f"no frame: {camera.status}") from None
-    observations.switched_s.extend(light.switched_s)
     return observations
 
 

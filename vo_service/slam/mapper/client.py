@@ -217,7 +217,7 @@ class LiveMapper(ProcessOutput[_QueueItem, MapperWorkerConfig]):
                     logger.warning(log_format, NAME, result.file, result.grid_fault)
                 settings = replace(self._config.map_config, load=result.file.stem)
                 self._config = replace(self._config, map_config=settings)
-                self.state = replace(self.state, loaded=str(result.file))
+                self.state = replace(self.state, loaded=str(result.file), mesh_keyframes=0)
                 self._force_keyframe()
             self.state = replace(self.state, loading="")
 

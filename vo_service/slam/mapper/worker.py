@@ -194,9 +194,11 @@ class MapperWorker:
         self._send(LoadMapResult(file, len(contents.keyframes), grid_fault=grid_fault))
 
     def _save_map(self, name: str) -> None:
-        """Write the map and its grid, and start the mesh job."""
+        """Write the map and its grid, and start the mesh job; nothing without a keyframe."""
         file = self._store.mesh_file(name)
         try:
+            if len(self._keyframes) == 0:  # none since a map was loaded
+                raise UserFacingError(f"{file}: there is no keyframe yet")
             max_total_bytes = self._settings.total_mb * MEGABYTE
             cells = self._grid.contents(self._keyframes, self._loop_closure)
             self._loop_closure.save(self._store, name, max_total_bytes, cells)
@@ -213,8 +215,6 @@ class MapperWorker:
             replace(each, T_odom_camera=self._loop_closure.T_map_camera(each.anchored_pose))
             for each in self._keyframes
         ]
-        if not keyframes:
-            raise UserFacingError(f"{file}: there is no keyframe yet")
         build = partial(
             build_mesh, self._store, name, keyframes, self._settings, self._fuse_keyframes
         )

@@ -119,3 +119,10 @@ def test_a_process_that_does_not_respond_is_reported_and_gets_no_request(
     assert "does not respond" in command_error(lambda: fixture.mapper.save("wall"))
     assert "does not respond" in command_error(lambda: fixture.mapper.load("home"))
     assert (fixture.client.sent, fixture.mapper.state.saving) == ([], "")
+
+
+def test_a_loaded_map_is_saved_only_with_a_new_keyframe(fixture: MapperFixture) -> None:
+    fixture.load("home")
+    assert "no frame has been tracked yet" in command_error(lambda: fixture.mapper.save("new"))
+    fixture.client.on_message(MapperStatus(1, frozenset(), frozenset({"home"})))
+    assert fixture.mapper.save("new").saving.endswith("new.ply")

@@ -30,6 +30,7 @@ from vo_service.slam.mapper.messages import (
     MapperWorkerConfig,
     RelocalizationQuery,
     SaveMapRequest,
+    SaveMapResult,
 )
 from vo_service.slam.mapper.worker import MapperWorker
 from vo_service.slam.relocalization import AsynchronousLoopClosure, RelocalizationResult
@@ -126,6 +127,20 @@ def test_a_loaded_map_brings_the_grid_that_was_saved(
     assert again.equals(grid)
     (result,) = [each for each in received if isinstance(each, LoadMapResult)]
     assert (result.keyframe_count, result.grid_fault) == (2, "")
+
+
+def test_a_map_without_a_keyframe_since_it_was_loaded_is_not_saved(
+    ring: RecordRingWriter, tmp_path: Path
+) -> None:
+    home = tmp_path / "home.keyframes"
+    write_map(home, make_loop_closer(3).contents)
+    received: list[MapperMessage] = []
+    config = MapperWorkerConfig(ring.memory, 0, tmp_path, replace(WITH_LOOP_CLOSURE, load="home"))
+    worker = MapperWorker(config, received.append, lambda: None, fuse_keyframes)
+    worker.handle(SaveMapRequest("other"))
+    (result,) = [each for each in received if isinstance(each, SaveMapResult)]
+    assert result.error.endswith("other.ply: there is no keyframe yet")
+    assert list(tmp_path.iterdir()) == [home]
 
 
 @pytest.mark.parametrize(("height_m", "text"), [(0.5, "no cells"), (0.0, "")])

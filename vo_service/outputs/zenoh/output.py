@@ -3,7 +3,7 @@
 import logging
 import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Protocol
@@ -248,6 +248,7 @@ class ZenohOutput:
         )
         # The map that was last published, and its epoch.
         self._published_map: tuple[MapSnapshot, int] = (NO_MAP, 0)
+        self._map_update: OdometryUpdate | None = None  # the last one with a map
         self._published_grid = NO_GRID
         self._error = ""
         self._connection = connect_policy(config)
@@ -323,7 +324,7 @@ class ZenohOutput:
         has_changed = current != self._published_map
         if has_changed:
             encode()  # raises for a transform that nobody can read, which is then not stored
-        self._latest.map_odom = encode
+        self._latest.map_odom, self._map_update = encode, update
         if has_changed:
             self._published_map = current
             self._send_map()
@@ -347,7 +348,15 @@ class ZenohOutput:
         self._sync_endpoints()
         for endpoints in self._endpoints:
             endpoints.publish_status(payload)
+        self._mark_map_as_lost(status)
         self._send_map()  # for new subscribers
+
+    def _mark_map_as_lost(self, status: Status) -> None:
+        """Store that the transform is unknown: without poses, the status says it first."""
+        last = self._map_update
+        if last is not None and last.is_localized and not status.map.is_localized:
+            last = replace(last, map=replace(last.map, is_localized=False))
+            self._latest.map_odom = partial(map_odom_message, last, self._extra.frame_ids)
 
     def _sync_endpoints(self) -> None:
         """Declare the endpoints on the open session, if they are not declared there yet."""

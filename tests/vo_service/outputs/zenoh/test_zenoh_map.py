@@ -101,6 +101,21 @@ def test_a_map_transform_is_published_with_each_status_and_the_newest_stamp(free
     assert [attachment_of(sample)["seq"] for sample in connected.maps] == [0, 1, 1]
 
 
+def test_a_map_that_is_lost_while_no_poses_come_is_not_localized(free_port: int) -> None:
+    lost = replace(STATUS, map=replace(STATUS.map, is_localized=False))
+    with connected_output(free_port) as connected:
+        connected.output.on_update(replace(make_update(0), map=make_map()))
+        connected.output.on_status(lost)
+        wait_until(lambda: len(connected.maps) == 2)
+        (reply,) = query(connected.session, KEY)
+        connected.output.on_update(replace(make_update(1), map=make_map()))  # localized again
+        wait_until(lambda: len(connected.maps) == 3)
+    assert reply.ok is not None
+    assert attachment_of(reply.ok)["is_localized"] is False
+    attachments = [attachment_of(sample) for sample in connected.maps]
+    assert [each["is_localized"] for each in attachments] == [True, False, True]
+
+
 def test_without_a_map_no_transform_is_published(free_port: int) -> None:
     with connected_output(free_port) as connected:
         connected.output.on_update(make_update(0))

@@ -1,6 +1,7 @@
 """Files of ROS messages that are written: MCAP, ROS 2 bag, ROS 1 bag."""
 
 import errno
+import os
 import sqlite3
 from abc import ABC, abstractmethod
 from collections import Counter
@@ -29,6 +30,7 @@ from rosbags.typesys.store import Typestore
 
 from drivers.bag.bag_file import ros1_typestore, ros2_typestore
 from drivers.core import InputError
+from drivers.core.write_errors import check_growth
 
 ROS2_BAG_VERSION: Literal[9] = 9
 # Written once: a subscriber that starts later must still get them.
@@ -269,5 +271,7 @@ def create_bag(path: Path, kind: str) -> Iterator[BagWriter]:
             bag.abort()
             raise
     except sqlite3.Error as error:  # of a ROS 2 bag
-        code = errno.ENOSPC if error.sqlite_errorcode == sqlite3.SQLITE_FULL else errno.EIO
-        raise OSError(code, str(error)) from error
+        if error.sqlite_errorcode == sqlite3.SQLITE_FULL:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)) from error
+        check_growth(path / f"{path.name}.db3")  # SQLite does not name a quota or a limit
+        raise OSError(errno.EIO, str(error)) from error

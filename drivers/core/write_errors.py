@@ -133,6 +133,17 @@ def check_disk_space(folder: Path, needed_bytes: int) -> None:
         raise OSError(errno.ENOSPC, f"less than {needed_bytes / 1e9:.2g} GB are left")
 
 
+def check_growth(path: Path) -> None:
+    """Raise OSError if the disk, a quota or a limit refuses another megabyte of a file.
+
+    For a library that does not say why it cannot write.
+    """
+    with TemporaryFile(dir=path.parent) as probe:
+        probe.seek(path.stat().st_size if path.is_file() else 0)
+        probe.write(bytes(1_000_000))
+        probe.flush()
+
+
 def is_disk_full(error: BaseException) -> bool:
     """Whether the disk, the quota or the file size limit is exhausted."""
     return isinstance(error, OSError) and error.errno in _DISK_FULL

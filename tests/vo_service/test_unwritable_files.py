@@ -181,9 +181,9 @@ NOT_APPLICABLE = {
     ("--rerun FILE.rrd", "full"),
 }
 CAUSES = {
-    "full": ("the disk is full", "disk I/O error", "stops after"),
-    "read-only": ("Permission denied", "unable to open database file"),
-    "removed": ("there is no folder", "No such file", "it was removed", "disk I/O error"),
+    "full": ("the disk is full", "stops after"),
+    "read-only": ("Permission denied",),
+    "removed": ("there is no folder", "No such file", "it was removed"),
 }
 
 

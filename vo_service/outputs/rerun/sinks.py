@@ -13,7 +13,13 @@ from drivers.camera import PlaybackMode
 from drivers.core import InputError, UserFacingError
 from drivers.core.files import MEGABYTE, rotate_file
 from drivers.core.queues import BlockingQueue, BoundedQueue, DropOldestQueue
-from drivers.core.write_errors import check_disk_space, creating, is_disk_full, writing
+from drivers.core.write_errors import (
+    check_disk_space,
+    check_growth,
+    creating,
+    is_disk_full,
+    writing,
+)
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -224,6 +230,7 @@ class RrdFileSink(Sink):
                 self._layout = self._layout or self._serialize_blueprint(blueprint)
                 stream.log_file_from_contents("layout.rbl", self._layout)
             except RuntimeError as error:
+                self._check_space()
                 raise self._unwritable_error(str(error)) from error
         self._flushed_bytes = 0
 
@@ -259,10 +266,15 @@ class RrdFileSink(Sink):
 
     def _is_disk_full(self) -> bool:
         try:
-            check_disk_space(self._path.parent, RESERVE_BYTES)
+            self._check_space()
         except OSError as error:
             return is_disk_full(error)
         return False
+
+    def _check_space(self) -> None:
+        """Raise OSError if the file cannot grow: Rerun does not say why."""
+        check_disk_space(self._path.parent, RESERVE_BYTES)
+        check_growth(self._path)
 
     def _broken_error(self, cause: str) -> BrokenFileError:
         """Make the error, and end the file where it is complete."""

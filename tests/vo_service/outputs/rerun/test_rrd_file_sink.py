@@ -19,6 +19,7 @@ from drivers.camera import PlaybackMode
 from drivers.core import InputError, UserFacingError, write_errors
 from drivers.core.files import rotate_file
 from drivers.core.geometry import Trajectory
+from drivers.core.write_errors import WriteError
 from tests.full_disk import limit_file_size
 from tests.resource_leaks import resident_memory_kb
 from tests.vo_service.outputs.rerun.rerun_recording import (
@@ -207,6 +208,12 @@ def test_a_disk_that_is_full_at_the_start_is_a_fault_but_no_error(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_file_that_gets_no_space_at_its_start_is_a_full_disk(tmp_path: Path) -> None:
+    sink = RrdFileSink(tmp_path / "out.rrd")
+    with limit_file_size(10), pytest.raises(WriteError, match=r"is full \(File too large\)"):
+        sink.attach(rr.RecordingStream("full"), make_blueprint())
+
+
 @pytest.mark.subprocess
 def test_a_file_that_cannot_grow_is_readable_so_far_and_the_process_ends_by_itself(
     tmp_path: Path,
@@ -231,6 +238,7 @@ def test_a_file_that_cannot_grow_is_readable_so_far_and_the_process_ends_by_itse
         output.on_update(next(updates))
         # Rerun collects data for a while; one batch must not exceed the limit.
         wait_until(has_written_or_stopped)
+    assert "bytes: the disk is full" in output.warning
     with pytest.raises(UserFacingError, match="the recording is incomplete"):
         output.close()
     assert "too slow" not in caplog.text

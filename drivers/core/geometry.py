@@ -241,6 +241,8 @@ COLUMNS = "stamp tx ty tz qx qy qz qw"
 # Larger values mean that a file is in other units, such as nanoseconds.
 MAX_STAMP_S = 1e11
 MAX_POSITION_M = 1e9
+# Files round the numbers of a quaternion.
+MAX_QUATERNION_ERROR = 0.01
 # The largest difference of two stamps of the same instant.
 MAX_STAMP_DIFFERENCE_S = 0.020
 
@@ -341,10 +343,13 @@ def parse_pose(text: Sequence[str], where: str) -> tuple[float, Array]:
         raise InputError(
             f"{where}: stamps must be in seconds and positions in meters; convert them"
         )
-    try:
-        return values[0], transform_from_pose(values[1:4], values[4:8])
-    except ValueError as error:
-        raise InputError(f"{where}: {error}") from error
+    length = math.hypot(*values[4:8])
+    if abs(length - 1.0) > MAX_QUATERNION_ERROR:
+        raise InputError(
+            f"{where}: not a rotation: the quaternion has length {length:.4g}, not 1; expected: "
+            f"{COLUMNS}"
+        )
+    return values[0], transform_from_pose(values[1:4], values[4:8])
 
 
 def nearest_indices(stamps_s: Array, query_s: Array) -> NDArray[np.intp]:

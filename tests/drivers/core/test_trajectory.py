@@ -69,6 +69,13 @@ def test_comments_blank_lines_commas_and_a_byte_order_mark_are_skipped(tmp_path:
     assert read_trajectory(path).stamps_s.tolist() == [1.0, 2.0]
 
 
+def test_a_rounded_quaternion_is_a_rotation(tmp_path: Path) -> None:
+    path = tmp_path / "poses.txt"
+    path.write_text("1 0 0 0 0 0 0.7 0.72\n")
+    R = read_trajectory(path).T_world_camera[0, :3, :3]
+    assert np.allclose(R @ R.T, np.eye(3), rtol=0, atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
@@ -76,7 +83,8 @@ def test_comments_blank_lines_commas_and_a_byte_order_mark_are_skipped(tmp_path:
         (GOOD + "2 0 0 0 0 0 0 1 9\n", "FILE:2: 9 columns"),
         (GOOD + "\n2 0 0 nan 0 0 0 1\n", "FILE:3: a value is not finite"),
         (GOOD + "inf 0 0 0 0 0 0 1\n", "FILE:2: a value is not finite"),
-        (GOOD + "2 0 0 0 0 0 0 0\n", "FILE:2: not a rotation"),
+        (GOOD + "2 0 0 0 0 0 0 0\n", "FILE:2: not a rotation: the quaternion has length 0, not 1"),
+        (GOOD + "2 0 0 0 0 0 0 1.02\n", "FILE:2: not a rotation: the quaternion has length 1.02"),
         (GOOD + "2 0 0 x 0 0 0 1\n", "FILE:2: could not convert string to float: 'x'"),
         (GOOD + GOOD, "FILE:2: stamp 1.0 is not after the previous one (1.000000): sort"),
         (GOOD + "0.5 0 0 0 0 0 0 1\n", "FILE:2: stamp 0.5 is not after"),

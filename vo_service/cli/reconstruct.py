@@ -125,11 +125,12 @@ def run(request: ReconstructionRequest) -> int:
     config = load_config(request.config, request)
     terminal = Terminal()
     # Check before the work, not after it.
-    if request.loop_closure and request.trajectory is not None:
-        raise InputError(
-            f"{request.trajectory}: --loop-closure works only on the odometry's own poses; "
-            "leave one of the two out"
-        )
+    for option_name in ("loop-closure", "method", "timing"):
+        if request.trajectory and getattr(request, option_name.replace("-", "_")):
+            raise InputError(
+                f"{request.trajectory}: --{option_name} works only on the odometry's own poses; "
+                "leave one of the two out"
+            )
     recording = open_requested(request.folder, config.camera.file, request.topics)
     poses = None if request.trajectory is None else _read_poses(request.trajectory, recording)
     camera = RecordingCamera(request.folder, config.camera.file, topics=request.topics)

@@ -129,6 +129,10 @@ def run(request: ReplayRequest) -> int:
         UserFacingError: If an option or the recording is not valid, if an output fails, or if no
             frame has a pose.
     """
+    if request.no_publish and request.wait_for_subscriber:
+        raise InputError(
+            "--wait-for-subscriber: nobody can subscribe with --no-publish; leave one of them out"
+        )
     config = at_pace(load_config(request.config, request), request.pace)
     _check_not_overwriting(request, config.rerun)
     if request.optimized_trajectory is not None:

@@ -101,12 +101,14 @@ def test_the_trajectory_of_an_earlier_map_does_not_stay_beside_one_of_other_pose
     assert given.read_bytes() == truth.read_bytes()
 
 
-def test_loop_closure_with_a_given_trajectory_is_rejected(
-    recording: Path, tmp_path: Path, kinect_vo: KinectVo
+@pytest.mark.parametrize("option", ["--loop-closure", "--method=icp", "--timing=fixed"])
+def test_an_option_of_the_odometry_with_a_given_trajectory_is_rejected(
+    recording: Path, tmp_path: Path, kinect_vo: KinectVo, option: str
 ) -> None:
     truth, output = recording / "groundtruth.txt", tmp_path / "output"
-    outcome = kinect_vo("reconstruct", recording, truth, "--loop-closure", "--output", output)
-    assert_one_line(outcome, 2, f"{truth}: --loop-closure works only on the odometry's own poses")
+    outcome = kinect_vo("reconstruct", recording, truth, option, "--output", output)
+    name = option.partition("=")[0]
+    assert_one_line(outcome, 2, f"{truth}: {name} works only on the odometry's own poses")
     assert not output.exists()
 
 

@@ -24,6 +24,7 @@ from tests.conftest import FRAMES
 from tests.vo_service.cli.cli_runner import (
     CommandResult,
     KinectVo,
+    assert_one_line,
     count_lines,
     run_subprocess,
     running_subprocess,
@@ -205,6 +206,14 @@ def test_a_bag_is_not_overwritten_by_its_own_outputs(
         message = f"kinect-vo: error: {file}: belongs to the recording; name another file\n"
         assert (outcome.code, outcome.error_lines) == (2, message)
     assert file.read_bytes() == before
+
+
+def test_a_subscriber_is_not_waited_for_if_nothing_is_published(
+    copy_recording: CopyRecording, kinect_vo: KinectVo
+) -> None:
+    options = ("--no-publish", "--wait-for-subscriber", "10")
+    outcome = kinect_vo("replay", copy_recording(), *options)
+    assert_one_line(outcome, 2, "--wait-for-subscriber: nobody can subscribe with --no-publish")
 
 
 @pytest.mark.parametrize("one", ["--trajectory", "--rerun"])

@@ -11,7 +11,7 @@ import time
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
-from vo_service import PoseClient
+from vo_service import InputError, PoseClient
 
 CLEARANCE_M, FAR_M, BLIND_M, SPEED_M_S, TURN_RAD_S = 0.45, 2.0, 0.7, 0.35, 0.7
 STEPS = ((0, 1), (1, 0), (0, -1), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1))
@@ -41,20 +41,23 @@ def find_path(grid, place_m, reached_m):
     return path_m
 
 
-with PoseClient(connect=sys.argv[1] if len(sys.argv) > 1 else "tcp/127.0.0.1:7450") as client:
-    next(status for status in client.statuses() if status["map"]["mesh_keyframes"])
-    reached_m, path_m = [], []
-    for pose in client.poses():
-        T = (map_odom := client.map_odom()).T_map_odom @ pose.T_odom_base
-        place_m, yaw_rad, turn_rad = T[:2, 3], math.atan2(T[1, 0], T[0, 0]), 1.0
-        if not reached_m or 0 < len(path_m) < 4:
-            print("reached", place_m.round(2), flush=True)
-            reached_m.append(place_m)
-        is_in_map = map_odom.is_localized and map_odom.epoch == pose.epoch and not pose.is_lost
-        path_m = find_path(client.grid(), place_m, reached_m) if is_in_map else []
-        if path_m:  # else it looks around
-            x_m, y_m = path_m[:5][-1] - place_m
-            turn_rad = math.remainder(math.atan2(y_m, x_m) - yaw_rad, math.tau)
-        slower = min(1.0, 0.3 / (time.time() - pose.stamp_s))  # the base has moved since the stamp
-        forward_m_s = SPEED_M_S * max(1.0 - 2.0 * abs(turn_rad), 0.0)
-        client.send_velocity(slower * forward_m_s, slower * TURN_RAD_S * math.tanh(3.0 * turn_rad))
+try:
+    with PoseClient(connect=sys.argv[1] if len(sys.argv) > 1 else "tcp/127.0.0.1:7450") as client:
+        next(status for status in client.statuses() if status["map"]["mesh_keyframes"])
+        reached_m, path_m = [], []
+        for pose in client.poses():
+            T = (map_odom := client.map_odom()).T_map_odom @ pose.T_odom_base
+            place_m, yaw_rad, turn_rad = T[:2, 3], math.atan2(T[1, 0], T[0, 0]), 1.0
+            if not reached_m or 0 < len(path_m) < 4:
+                print("reached", place_m.round(2), flush=True)
+                reached_m.append(place_m)
+            is_in_map = map_odom.is_localized and map_odom.epoch == pose.epoch and not pose.is_lost
+            path_m = find_path(client.grid(), place_m, reached_m) if is_in_map else []
+            if path_m:  # else it looks around
+                x_m, y_m = path_m[:5][-1] - place_m
+                turn_rad = math.remainder(math.atan2(y_m, x_m) - yaw_rad, math.tau)
+            slower = min(1.0, 0.3 / (time.time() - pose.stamp_s))  # it has moved since the stamp
+            forward_m_s = slower * SPEED_M_S * max(1.0 - 2.0 * abs(turn_rad), 0.0)
+            client.send_velocity(forward_m_s, slower * TURN_RAD_S * math.tanh(3.0 * turn_rad))
+except (InputError, KeyboardInterrupt) as error:
+    sys.exit(str(error) or 130)  # 130, as every program that Ctrl-C ends

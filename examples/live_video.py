@@ -8,9 +8,9 @@ from itertools import islice
 
 import cv2
 
-from vo_service import FrameClient, FrameUnavailable
+from vo_service import FrameClient, FrameUnavailable, InputError
 
-if len(sys.argv) < 3:
+if len(sys.argv) < 3 or not sys.argv[2].isdecimal():
     sys.exit(__doc__)
 endpoint = sys.argv[3] if len(sys.argv) > 3 else "tcp/127.0.0.1:7450"
 video = cv2.VideoWriter()
@@ -28,5 +28,7 @@ try:
             video.write(image)  # with opencv-python also cv2.imshow
 except FrameUnavailable as error:
     sys.exit(f"ten seconds without a frame: {error}")
+except (InputError, KeyboardInterrupt) as error:
+    sys.exit(str(error) or 130)  # 130, as every program that Ctrl-C ends
 finally:
     video.release()

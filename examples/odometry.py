@@ -23,7 +23,7 @@ try:
             position_m = estimate.T_world_camera[:3, 3]
             state = "ok" if estimate.ok else f"lost: {estimate.reason}"
             print(f"{frame.stamp_s:.3f} {position_m.round(3)} {state}", flush=True)
-except (CameraError, InputError) as error:
-    sys.exit(str(error))
+except (CameraError, InputError, KeyboardInterrupt) as error:
+    sys.exit(str(error) or 130)  # 130, as every program that Ctrl-C ends
 except BrokenPipeError:  # in `| head`
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

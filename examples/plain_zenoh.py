@@ -45,13 +45,16 @@ def show(sample: zenoh.Sample) -> None:
     )
 
 
-with zenoh.open(zenoh.Config.from_json5(json.dumps(settings))) as session:
-    for reply in session.get("kinect/status", timeout=5.0):
-        if reply.ok:
-            print("status:", json.loads(reply.ok.payload.to_bytes())["state"], flush=True)
-    for reply in session.get("kinect/latest", timeout=5.0):
-        if reply.err:
-            print("latest:", json.loads(reply.err.payload.to_bytes())["message"], flush=True)
-    subscriber = session.declare_subscriber("kinect/odom")
-    for sample in subscriber:
-        show(sample)
+try:
+    with zenoh.open(zenoh.Config.from_json5(json.dumps(settings))) as session:
+        for reply in session.get("kinect/status", timeout=5.0):
+            if reply.ok:
+                print("status:", json.loads(reply.ok.payload.to_bytes())["state"], flush=True)
+        for reply in session.get("kinect/latest", timeout=5.0):
+            if reply.err:
+                print("latest:", json.loads(reply.err.payload.to_bytes())["message"], flush=True)
+        subscriber = session.declare_subscriber("kinect/odom")
+        for sample in subscriber:
+            show(sample)
+except (KeyboardInterrupt, zenoh.ZError) as error:
+    sys.exit(str(error) or 130)  # 130, as every program that Ctrl-C ends

@@ -18,7 +18,7 @@ try:
             height, width, _ = frame.color_bgr.shape
             center_m = frame.depth_m[height // 2, width // 2]  # 0 = no reading
             print(f"{frame.stamp_s:.3f} s: {width}x{height}, {center_m:.2f} m ahead", flush=True)
-except (CameraError, InputError) as error:
-    sys.exit(str(error))
+except (CameraError, InputError, KeyboardInterrupt) as error:
+    sys.exit(str(error) or 130)  # 130, as every program that Ctrl-C ends
 except BrokenPipeError:  # in `| head`
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 
-from vo_service import CommandRefused, PoseClient, ServiceUnavailable
+from vo_service import CommandRefused, InputError, PoseClient, ServiceUnavailable
 from vo_service.types.commands import ResetCommand
 
 endpoint = sys.argv[1] if len(sys.argv) > 1 else "tcp/127.0.0.1:7450"
@@ -21,11 +21,11 @@ T_odom_charger = np.array(
     ]
 )
 
-with PoseClient(connect=endpoint) as client:
-    try:
+try:
+    with PoseClient(connect=endpoint) as client:
         epoch = client.send(ResetCommand.to_pose(T_odom_charger)).epoch
-    except CommandRefused as error:
-        sys.exit(f"refused ({error.code}): {error}")
-    except ServiceUnavailable as error:
-        sys.exit(str(error))
-    print(f"epoch {epoch} begins at the charger", flush=True)
+        print(f"epoch {epoch} begins at the charger", flush=True)
+except CommandRefused as error:
+    sys.exit(f"refused ({error.code}): {error}")
+except (InputError, KeyboardInterrupt, ServiceUnavailable) as error:
+    sys.exit(str(error) or 130)  # 130, as every program that Ctrl-C ends

@@ -8,9 +8,11 @@ from collections.abc import Iterator
 from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, HTTPServer
 
-from vo_service import Frame, FrameClient, FrameUnavailable
+from vo_service import Frame, FrameClient, FrameUnavailable, InputError
 
-port, endpoint = [*sys.argv[1:], *("8000", "tcp/127.0.0.1:7450")[len(sys.argv) - 1 :]]
+port, endpoint = [*sys.argv[1:3], *("8000", "tcp/127.0.0.1:7450")[len(sys.argv) - 1 :]]
+if not port.isdecimal():
+    sys.exit(__doc__)
 PAGE = b"""<img id=i><canvas id=c width=480 height=480></canvas><p id=p><script>
 async function next() { const answer = await fetch("/frame"); p.textContent = "";
 if (!answer.ok) { p.textContent = await answer.text(); return next() }
@@ -47,6 +49,9 @@ class Handler(BaseHTTPRequestHandler):
             self.wfile.write(body)
 
 
-with FrameClient(connect=endpoint) as client:
-    frames = newest_frames()
-    HTTPServer(("127.0.0.1", int(port)), Handler).serve_forever()
+try:
+    with FrameClient(connect=endpoint) as client:
+        frames = newest_frames()
+        HTTPServer(("127.0.0.1", int(port)), Handler).serve_forever()
+except (InputError, KeyboardInterrupt) as error:
+    sys.exit(str(error) or 130)  # 130, as every program that Ctrl-C ends

@@ -95,6 +95,11 @@ class ProgramOutput:
         """Press Ctrl-C."""
         self._process.send_signal(signal.SIGINT)
 
+    def finish(self) -> tuple[str, int]:
+        """What it still prints, and its exit code."""
+        assert self._process.stdout is not None
+        return self._process.stdout.read(), self._process.wait()
+
     def stop(self) -> None:
         """Enough."""
         self._timer.cancel()

@@ -95,7 +95,8 @@ def test_frames_of_a_kinect_are_printed_until_ctrl_c(simulate_kinect: SimulateKi
     with program("read_camera.py", "freenect") as lines:
         lines.wait_for_line("^.* 640x480, ")
         lines.interrupt()
-        lines.wait_for_line("^KeyboardInterrupt$")
+        output, code = lines.finish()
+        assert ("Traceback" in output, code) == (False, 130)
 
 
 @pytest.mark.parametrize("name", ["read_camera.py", "odometry.py"])
@@ -220,6 +221,30 @@ def test_a_csv_program_without_a_file_prints_its_usage() -> None:
     assert "Usage: python poses_to_csv.py FILE.csv SECONDS" in done.stderr
     assert "Traceback" not in done.stderr
     assert done.returncode == 1
+
+
+BEFORE_ENDPOINT = {
+    "live_video.py": ("a.avi", "1"),
+    "poses_to_csv.py": ("a.csv", "1"),
+    "save_points.py": ("a.ply",),
+    "web_page.py": ("8000",),
+}
+
+
+@pytest.mark.parametrize(
+    "name", sorted(file.name for file in EXAMPLES.glob("*.py") if "[ENDPOINT" in file.read_text())
+)
+def test_a_wrong_endpoint_is_one_line(name: str) -> None:
+    done = finished_fork(name, *BEFORE_ENDPOINT.get(name, ()), "nonsense")
+    assert done.returncode == 1
+    assert re.fullmatch(r".*[Ee]ndpoint.*nonsense.*\n|.*'nonsense': an endpoint.*\n", done.stderr)
+
+
+def test_ctrl_c_ends_an_example_without_a_traceback() -> None:
+    with program("print_poses.py", "tcp/127.0.0.1:1") as lines:
+        lines.wait_for_line("waiting")
+        lines.interrupt()
+        assert lines.finish() == ("", 130)
 
 
 @pytest.mark.zenoh

@@ -11,7 +11,7 @@ import numpy as np
 
 from drivers.camera import PlaybackMode, SensorConfig
 from drivers.core import PluginGroup, UserFacingError
-from drivers.core.config import Field, FieldError, read_toml, suggest_name, typed_fields
+from drivers.core.config import Field, FieldError, read_toml, suggest_choice, typed_fields
 from drivers.core.geometry import T_BODY_CAMERA, Array, transform_from_pose
 from drivers.registry import CAMERA_USAGES, CAMERAS
 from drivers.synthetic.config import SyntheticConfig
@@ -66,7 +66,7 @@ class ExtraOutputsConfig:
         for output in self.extra:
             kind = output.partition(":")[0]
             if kind not in OUTPUTS:
-                hint = suggest_name(kind, OUTPUTS)
+                hint = suggest_choice(kind, OUTPUTS)
                 raise FieldError(("extra",), f"output {output!r} is unknown; {hint}")
 
 
@@ -89,7 +89,7 @@ class CameraConfig:
     def __post_init__(self) -> None:
         kind = self.source.partition(":")[0]
         if kind not in CAMERAS:
-            hint = suggest_name(kind, CAMERAS)
+            hint = suggest_choice(kind, CAMERAS)
             raise FieldError(("source",), f"camera {self.source!r} is unknown; {hint}")
 
 
@@ -123,13 +123,13 @@ class OdometryConfig:
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
-            hint = suggest_name(self.method, METHODS)
+            hint = suggest_choice(self.method, METHODS)
             raise FieldError(("method",), f"{self.method!r} is unknown; {hint}")
         if self.timing not in TIMING_MODES:
-            hint = suggest_name(self.timing, TIMING_MODES)
+            hint = suggest_choice(self.timing, TIMING_MODES)
             raise FieldError(("timing",), f"{self.timing!r} is unknown; {hint}")
         if self.profile not in PROFILES:
-            hint = suggest_name(self.profile, PROFILES)
+            hint = suggest_choice(self.profile, PROFILES)
             raise FieldError(("profile",), f"{self.profile!r} is unknown; {hint}")
 
     def make_odometry(self, timer: StageTimer) -> Odometry:

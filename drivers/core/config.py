@@ -12,7 +12,7 @@ import math
 import re
 import tomllib
 import types
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
@@ -208,7 +208,7 @@ def _convert_text(kind: type[Any], value: Any, spec: Field, path: KeyPath) -> An
     choices = spec.choices or (tuple(kind) if issubclass(kind, StrEnum) else ())
     if choices and value not in choices:
         text = format_value(value)
-        raise FieldError(path, f"{text} is not a choice; {suggest_name(value, choices)}")
+        raise FieldError(path, f"{text} is not a choice; {suggest_choice(value, choices)}")
     if spec.pattern and not re.fullmatch(spec.pattern, value):
         raise FieldError(path, f"{format_value(value)} is not valid; give {spec.pattern_name}")
     if "\0" in value:  # no path, address or name can hold it
@@ -245,8 +245,22 @@ def _format_number(value: Any) -> str:
 def suggest_name(name: str, known: Iterable[str]) -> str:
     """Return "did you mean" with the known name that is alike, or the list of all."""
     names = list(known)
+    return _did_you_mean(name, names) or _list_names(names)
+
+
+def suggest_choice(name: str, choices: Iterable[str]) -> str:
+    """Return the list of all choices, after "did you mean" if one is alike."""
+    names = list(choices)
+    return " ".join(filter(None, (_did_you_mean(name, names), _list_names(names))))
+
+
+def _did_you_mean(name: str, names: Sequence[str]) -> str:
     close = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
-    return f"did you mean `{close[0]}`?" if close else f"known here: {', '.join(names) or 'none'}"
+    return f"did you mean `{close[0]}`?" if close else ""
+
+
+def _list_names(names: Sequence[str]) -> str:
+    return f"known here: {', '.join(names) or 'none'}"
 
 
 def find_key_lines(text: str) -> dict[KeyPath, int]:

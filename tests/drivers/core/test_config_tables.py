@@ -123,9 +123,9 @@ def test_a_missing_required_key_is_reported_with_its_meaning() -> None:
     )
 
 
-def test_an_invalid_choice_gets_the_likely_one() -> None:
+def test_an_invalid_choice_gets_the_likely_one_and_the_list() -> None:
     message = complaint('width = 4\n[lamp]\nshade = "drak"')
-    assert message.endswith('key `lamp.shade`: "drak" is not a choice; did you mean `dark`?')
+    assert message.endswith('"drak" is not a choice; did you mean `dark`? known here: light, dark')
 
 
 def test_a_check_across_keys_is_reported_with_the_file() -> None:

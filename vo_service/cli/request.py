@@ -165,7 +165,14 @@ def _count_values(field: TypedField, option: Option) -> dict[str, Any]:
 def _parser_of(item: type[Any], option: Option) -> Callable[[str], Any]:
     if item is int or item is float:
         return _number_parser(item, option)
-    return Path if item is Path else str
+    return _parse_path if item is Path else str
+
+
+def _parse_path(text: str) -> Path:
+    """Parse a path. Refuse "", such as from an unset variable: it would mean the current folder."""
+    if not text:
+        raise argparse.ArgumentTypeError("is empty: give a path")
+    return Path(text)
 
 
 def _number_parser(kind: type[Any], option: Option) -> Callable[[str], Any]:

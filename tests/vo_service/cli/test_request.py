@@ -29,6 +29,7 @@ class Example(CommandRequest):
 
     folder: Path = argument("a folder", "FOLDER")
     size: tuple[int, int] | None = option("two numbers", metavar=("W", "H"), minimum=1)
+    output: Path | None = option("a file", metavar="FILE")
     names: tuple[str, ...] = option("names", (), "NAME", is_repeated=True)
     is_loud: bool = flag("more noise")
     voxel_m: Annotated[float | None, config_option("map.voxel_m", noun="a length")] = None
@@ -53,6 +54,15 @@ def test_an_option_has_the_limits_of_the_key_that_it_sets(
     with pytest.raises(SystemExit):
         parse("desk", "--voxel-m", "0.001")
     assert "0.001 is not a length: give 0.005 to 0.5" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("words", [("",), ("desk", "--output", "")])
+def test_an_empty_path_is_not_the_current_folder(
+    words: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        parse(*words)
+    assert "is empty: give a path" in capsys.readouterr().err
 
 
 def test_an_option_sets_its_key_only_if_it_is_given() -> None:

@@ -113,8 +113,6 @@ def check_output_file(path: Path) -> None:
     if path.exists() and not path.is_file():
         kind = "a folder" if path.is_dir() else "not a regular file"
         raise InputError(f"{path}: is {kind}; name a file")
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: there is no folder {path.parent}; create it")
     with creating(path):
         TemporaryFile(dir=path.parent).close()
 

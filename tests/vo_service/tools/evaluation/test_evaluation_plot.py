@@ -87,7 +87,7 @@ def test_another_suffix_is_rejected(tmp_path: Path) -> None:
 
 
 def test_a_missing_folder_is_reported(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"gone/walk.png: there is no folder"):
+    with pytest.raises(InputError, match=r"gone/walk.png: cannot be written: there is no folder"):
         write_plot(tmp_path / "gone" / "walk.png", TRAJECTORY, TRUTH, "walk")
 
 

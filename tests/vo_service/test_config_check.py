@@ -35,7 +35,7 @@ def test_all_defaults_are_valid(tmp_path: Path) -> None:
     [
         ('[camera]\nsource = "freenect"\nfile = "none.toml"', "none.toml: cannot be read"),
         ('[camera]\nsource = "synthetic"\nfile = "any.toml"', "has its own calibration"),
-        ('[camera]\nsource = "tum:nowhere"', "`camera.source`: no recording nowhere"),
+        ('[camera]\nsource = "tum:nowhere"', "`camera.source`: nowhere: no such folder"),
         ('[rerun]\ntargets = ["serf"]', "'serf': use serve, connect"),
         ('[rerun]\ntargets = ["nowhere/a.rrd"]', "there is no folder nowhere"),
         (
@@ -55,7 +55,7 @@ def test_all_defaults_are_valid(tmp_path: Path) -> None:
         ('[zenoh]\nlisten = ["tcp/[::1]:1", "tcp/[::1]:1"]', "has the same endpoint twice"),
         ('[outputs]\nmcap = "a.txt"', "a.txt: the file name must end in .mcap"),
         ('[outputs]\nextra = ["email"]', "output 'email' is unknown"),
-        ('[camera]\nsource = "bag:none.mcap"', "no recording none.mcap"),
+        ('[camera]\nsource = "bag:none.mcap"', "none.mcap: no such file"),
         ("[T_base_camera]\nquaternion_xyzw = [0, 0, 0, 2]", "must have length 1"),
         ("[synthetic]\nduration_s = 0.01", "must hold at least one frame"),
         ("[synthetic.color]\nexposure_s = 0.1", "exceeds a frame"),
@@ -99,6 +99,16 @@ def test_a_recorder_folder_that_can_be_created_is_valid_and_not_created(tmp_path
 def test_an_endpoint_open_to_the_network_is_a_warning(tmp_path: Path) -> None:
     (warning,) = check_config(config(tmp_path, '[zenoh]\nlisten = ["tcp/0.0.0.0:7450"]'))
     assert "anyone in the network may connect to tcp/0.0.0.0:7450" in warning
+
+
+def test_a_map_that_cannot_be_loaded_is_a_warning(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path))
+    file = tmp_path / "maps" / "home.keyframes"
+    (warning,) = check_config(config(tmp_path, '[map]\nload = "home"'))
+    assert warning.startswith(f"map: {file}: cannot be read: No such file")
+    assert check_config(config(tmp_path, '[map]\nload = "home"\nenabled = false')) == []
 
 
 @pytest.mark.subprocess

@@ -12,7 +12,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
-from drivers.core import InputError
+from drivers.core import InputError, UserFacingError
 from drivers.core.config import (
     SCHEMA_VERSION,
     Field,
@@ -22,6 +22,7 @@ from drivers.core.config import (
     typed_fields,
 )
 from drivers.core.files import check_suffix, check_writable
+from drivers.core.folders import state_folder
 from drivers.core.geometry import read_trajectory
 from vo_service.cli.request import CommandRequest, argument
 from vo_service.config import CameraConfig, Config
@@ -37,7 +38,8 @@ examples:
 
 An error names its file, line and key; the exit code is then 2. The check includes the files and
 addresses that the configuration names, without opening them: the camera file, Rerun targets, Zenoh
-endpoints, and the Zenoh configuration with its keys and rules.
+endpoints, and the Zenoh configuration with its keys and rules. A map of map.load that cannot be
+loaded is a warning; it is looked for where a service of this user has its maps.
 """
 
 
@@ -101,6 +103,8 @@ def _check_parts(config: Config) -> Iterator[str]:
     if config.outputs.mcap is not None:
         with _errors_of("outputs", "mcap"):
             check_suffix(config.outputs.mcap, [".mcap"])
+    if config.map.enabled and config.map.load is not None:
+        yield from _check_map(config.map.load)
     with _errors_of("zenoh", "config_file" if config.zenoh.config_file else "listen"):
         warning = check_session_config(config.zenoh)
     if warning:
@@ -131,7 +135,8 @@ def _check_camera(camera: CameraConfig) -> None:
             read_calibration(camera.file)
     is_recording = kind in ("tum", "bag", "fakenect") or argument.endswith(".oni")
     if is_recording and not (argument and Path(argument).exists()):
-        raise FieldError(("camera", "source"), f"no recording {argument}; give another path")
+        missing = "folder" if kind in ("tum", "fakenect") else "file"
+        raise FieldError(("camera", "source"), f"{argument}: no such {missing}; check the path")
 
 
 def _check_rerun(rerun: RerunConfig) -> None:
@@ -142,7 +147,9 @@ def _check_rerun(rerun: RerunConfig) -> None:
         for target in rerun.targets:
             folder = Path(target).parent
             if target.endswith(".rrd") and not folder.is_dir():
-                raise InputError(f"{target}: there is no folder {folder}; create it")
+                raise InputError(
+                    f"{target}: cannot be written: there is no folder {folder}; create it first"
+                )
         if rerun.targets and find_spec("rerun") is None:
             raise InputError("Rerun is not installed: pip install 'kinect-vo[rerun]'")
 
@@ -153,6 +160,17 @@ def _check_recorder(recorder: RecorderConfig) -> None:
     reason = check_writable(recorder.folder)
     if reason:
         raise FieldError(("recorder", "folder"), f"{reason}; name a writable folder")
+
+
+def _check_map(name: str) -> Iterator[str]:
+    """Yield a warning if the map cannot be loaded: the service then starts with an empty one."""
+    from vo_service.slam.map_file import read_map
+    from vo_service.slam.mapper.map_store import MapStore
+
+    try:
+        read_map(MapStore(state_folder() / "maps").map_file(name))
+    except UserFacingError as error:
+        yield f"map: {error}"
 
 
 REFERENCE_COMMAND = "kinect-vo config reference"

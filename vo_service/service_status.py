@@ -3,8 +3,9 @@
 import math
 from dataclasses import replace
 
-from drivers.camera import RgbdCamera
+from drivers.camera import CameraState, RgbdCamera
 from vo_service.control import Control
+from vo_service.frame_source import RECORDING_ENDED
 from vo_service.odom_frame import OdomFrame
 from vo_service.odometry.stage_timers import STAGE_BUDGETS_MS
 from vo_service.service_statistics import ServiceStatistics
@@ -69,7 +70,7 @@ class StatusReporter:
             epoch=self._odom_frame.epoch,
             paused=self._control.is_paused,
             warnings=warnings,
-            camera=self._camera_report(),
+            camera=self._camera_report(has_ended=reason == RECORDING_ENDED),
             level=self._level_report(),
             tracking=self._tracking_report(last),
             latency=self._statistics.make_latency_report(
@@ -79,11 +80,11 @@ class StatusReporter:
             recorder=RecorderReport(self._control.recording),
         )
 
-    def _camera_report(self) -> CameraReport:
+    def _camera_report(self, *, has_ended: bool) -> CameraReport:
         counters = self._camera.counters
         report = CameraReport(
             name=self._camera.name,
-            state=self._camera.status.state,
+            state=CameraState.LOST if has_ended else self._camera.status.state,
             intrinsics=self._camera.intrinsics_source,
             skew_ms=self._statistics.skew_ms,
             jitter_ms=self._statistics.jitter_ms,

@@ -188,6 +188,13 @@ def test_without_a_camera_the_status_has_the_reason_and_continues(clock: FakeClo
     ]
 
 
+def test_the_camera_of_a_recording_that_has_ended_is_lost() -> None:
+    collector = CollectingOutput()
+    make_service(LiveSource(ScriptedCamera([make_frame(0)])), [collector]).run(InstantStop(2))
+    states = [status.camera.state for status in collector.statuses]
+    assert states[-2:] == [CameraState.STREAMING, CameraState.LOST]
+
+
 def test_a_silent_camera_still_gets_two_statuses_a_second(clock: FakeClock) -> None:
     silence = [Delay(0.25, FrameTimeout()) for _ in range(12)]
     collector = run_loop([make_frame(0), *silence], clock=clock)

@@ -12,7 +12,9 @@ INTRODUCTION = """\
 # Commands
 
 `scripts/write_reference.py` writes this page from the options of the commands. `kinect-vo COMMAND
---help` prints the same. [errors.md](errors.md) explains the exit codes.
+--help` prints the same. [errors.md](errors.md) explains the exit codes and the keys of `--json`.
+
+Every command also has `--verbose`: log progress to stderr.
 """
 
 
@@ -59,6 +61,7 @@ def render_man_page() -> str:
         "[OPTION...]",
         ".SH DESCRIPTION",
         _troff(str(parser.description)),
+        _troff("Every command also has --verbose: log progress to stderr."),
     ]
     for command in _commands():
         lines += [f'.SH "{command.name.upper()}"', _troff(f"{_sentence(command.help)}")]

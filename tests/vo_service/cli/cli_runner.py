@@ -1,5 +1,6 @@
 """kinect-vo as a user runs it: in a process of its own, or (much quicker) within this one."""
 
+import re
 import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -68,6 +69,13 @@ def assert_one_line(outcome: CommandResult, code: int, message: str) -> None:
     assert all(note.startswith("kinect-vo: info: ") for note in notes)  # on a slow machine
     assert error.startswith("kinect-vo: error: ")
     assert message in error
+
+
+def documented_json_keys() -> set[str]:
+    """Keys of the objects of `--json` in the tables of docs/reference/errors.md."""
+    page = (Path(__file__).parents[3] / "docs/reference/errors.md").read_text()
+    rows = re.findall(r"^\| (`\w+`.*?) \|", page.split("## JSON output")[1].split("## ")[0], re.M)
+    return set(re.findall(r"`(\w+)`", " ".join(rows)))
 
 
 def count_lines(path: Path) -> int:

@@ -15,7 +15,7 @@ from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, read_trajectory
 from tests.conftest import FRAMES
 from tests.full_disk import limit_file_size
-from tests.vo_service.cli.cli_runner import KinectVo, assert_one_line
+from tests.vo_service.cli.cli_runner import KinectVo, assert_one_line, documented_json_keys
 from tests.vo_service.odometry.synthetic_views import FLOOR, WALL
 from tests.vo_service.reconstruction.ply_reader import read_ply
 from vo_service.reconstruction.reconstructor import Reconstructor
@@ -79,6 +79,7 @@ def test_without_a_trajectory_the_odometry_runs_and_its_trajectory_is_written(
     assert (outcome.code, outcome.error_lines, outcome.out.count("\n")) == (0, "", 1)
     figures = json.loads(outcome.out)
     assert json.loads((tmp_path / "reconstruction.json").read_text()) == figures
+    assert set(figures) <= documented_json_keys()
     assert (figures["frames"], figures["fused"], figures["without_pose"]) == (FRAMES, FRAMES, 0)
     assert (figures["cut_short"], figures["full_at_frame"]) == (False, None)
     assert names(tmp_path) == sorted([*FILES, "trajectory.txt"])

@@ -1,5 +1,6 @@
 """``kinect-vo grid``: make the occupancy grid of a recording."""
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -96,6 +97,8 @@ def run(request: GridRequest) -> int:
         progress.close()
     grid = recorder.render()
     if grid is NO_GRID:
+        with suppress(OSError):
+            request.output.rmdir()  # it is empty
         raise InputError(f"{request.folder}: no floor and no obstacle was seen")
     image, settings, picture = FILES
     atomic_write(request.output / image, encode_grid_image(grid))

@@ -1,12 +1,14 @@
 """``kinect-vo grid``: its options and wrong input; the cells have tests of their own."""
 
+from collections.abc import Callable
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from drivers.core import InputError
-from tests.vo_service.cli.cli_runner import KinectVo
+from tests.vo_service.cli.cli_runner import KinectVo, assert_one_line
 from tests.vo_service.navigation.views import mounted
 from vo_service.cli.grid import FILES, GridRequest, _with_mounting, run
 from vo_service.config import Config
@@ -39,6 +41,17 @@ def test_a_map_that_is_there_is_not_replaced(tmp_path: Path, recording: Path, na
     with pytest.raises(InputError, match=f"{name}: exists already"):
         run(request)
     assert (tmp_path / name).read_text() == "precious"
+
+
+def test_a_recording_that_shows_no_place_leaves_no_folder(
+    copy_recording: Callable[..., Path], tmp_path: Path, kinect_vo: KinectVo
+) -> None:
+    folder, place = copy_recording(), ("--camera-height", 1.0, "--camera-tilt", 20.0)
+    for file in (folder / "depth").iterdir():
+        cv2.imwrite(str(file), np.full((240, 320), 65535, np.uint16))  # no reading at all
+    outcome = kinect_vo("grid", folder, tmp_path / "map", *place)
+    assert_one_line(outcome, 2, "no floor and no obstacle was seen")
+    assert not (tmp_path / "map").exists()
 
 
 @pytest.mark.parametrize(

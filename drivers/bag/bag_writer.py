@@ -29,7 +29,6 @@ from rosbags.rosbag2.metadata import dump_qos_v8
 from rosbags.typesys.store import Typestore
 
 from drivers.bag.bag_file import ros1_typestore, ros2_typestore
-from drivers.core import InputError
 from drivers.core.write_errors import check_growth
 
 ROS2_BAG_VERSION: Literal[9] = 9
@@ -220,18 +219,12 @@ class Ros1Writer(RosbagsWriter):
 
 
 class Ros2Writer(RosbagsWriter):
-    """Writes a ROS 2 bag with SQLite into a new folder.
-
-    Raises:
-        InputError: The path has characters that SQLite replaces.
-    """
+    """Writes a ROS 2 bag with SQLite into a new folder. Its path has no %, ? or #."""
 
     _writer: Ros2LibraryWriter
 
     def __init__(self, path: Path) -> None:
         super().__init__(ros2_typestore())
-        if not {"%", "?", "#"}.isdisjoint(str(path)):  # rosbags opens it as a URI
-            raise InputError(f"{path}: a ROS 2 bag cannot have %, ? or # in its path; rename it")
         self._writer = Ros2LibraryWriter(
             path, version=ROS2_BAG_VERSION, storage_plugin=StoragePlugin.SQLITE3
         )
@@ -255,7 +248,6 @@ def create_bag(path: Path, kind: str) -> Iterator[BagWriter]:
     Raises:
         OSError: Writing fails.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
     if kind == "mcap":
         with path.open("wb") as file:
             mcap = McapWriter(file)

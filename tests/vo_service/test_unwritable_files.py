@@ -14,6 +14,7 @@ import pytest
 from drivers.bag.mcap_recording_file import McapRecordingFile
 from drivers.camera import PlaybackMode
 from drivers.core import UserFacingError, write_errors
+from drivers.core.write_errors import WriteError
 from drivers.playback.recording_formats import open_recording
 from drivers.recording import frame_recorder
 from drivers.recording.frame_recorder import FrameRecorder
@@ -206,7 +207,7 @@ def writer(request: pytest.FixtureRequest, recording: Path, tmp_path: Path) -> t
 
 def assert_reported(error: UserFacingError, situation: str, path: Path) -> None:
     """One line names the file, or one below the folder, and the cause; nothing partial is left."""
-    cause = error.__cause__
+    cause = error if isinstance(error, WriteError) else error.__cause__
     text = str(cause if isinstance(cause, UserFacingError) else error)
     file = Path(text.partition(": ")[0])
     assert path in (file, *file.parents), text

@@ -3,7 +3,6 @@
 import heapq
 import logging
 import re
-import shutil
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from decimal import Decimal
@@ -14,9 +13,9 @@ from typing import TYPE_CHECKING
 
 from drivers.calibration import CameraCalibration
 from drivers.core import InputError
-from drivers.core.files import check_suffix
+from drivers.core.files import PARTIAL_SUFFIX, check_suffix, partial_folder
 from drivers.core.geometry import T_BODY_CAMERA, Trajectory, Vector
-from drivers.core.write_errors import WriteError
+from drivers.core.write_errors import writing
 from drivers.playback.frame_reader import FrameReader
 from drivers.playback.recording_formats import check_bag_packages, read_recorded_odometry
 from drivers.recording.accelerometer import AccelerometerSeries
@@ -88,37 +87,40 @@ def convert(
         InputError: The path exists, or the recording does not fit into the format.
         WriteError: Writing fails.
     """
+    if output_format is OutputFormat.ROS2 and not {"%", "?", "#"}.isdisjoint(str(path)):
+        # rosbags opens it as a URI.
+        raise InputError(f"{path}: a ROS 2 bag cannot have %, ? or # in its path; rename it")
+    part = path.with_name(path.name + PARTIAL_SUFFIX)
     if path.exists():
         raise InputError(f"{path}: exists already; name a new file or folder")
-    calibration, frames = _read_frames(recording)
-    count = 0
-    try:
-        with _open_output(path, output_format, recording, calibration) as (sink, others):
-            for frame in _write_others_before(others, frames):
-                try:
-                    sink.write_frame(frame)
-                except UnreadableFrameError as error:
-                    _log.warning("the frame at %s is left out: %s", frame.stamps.color, error)
-                    continue
-                count += 1
-                progress(count)
-        path.stat()  # its folder may have been removed meanwhile
-    except OSError as error:
-        _remove(path)
-        raise WriteError.of(path, error) from error
-    except BaseException:
-        _remove(path)
-        raise
-    finally:
-        recording.close()
+    if part.exists():
+        raise InputError(
+            f"{part}: a conversion runs or was killed; remove it, or name another file"
+        )
+    with closing(recording), writing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with partial_folder(path) as folder:
+            count = _write(recording, folder / path.name, output_format, progress)
+            (folder / path.name).rename(path)
     return count
 
 
-def _remove(path: Path) -> None:
-    if path.is_dir():
-        shutil.rmtree(path, ignore_errors=True)
-    elif path.is_file():
-        path.unlink(missing_ok=True)
+def _write(
+    recording: Recording, path: Path, output_format: OutputFormat, progress: Callable[[int], None]
+) -> int:
+    """Write the output, and return the number of its frames."""
+    calibration, frames = _read_frames(recording)
+    count = 0
+    with _open_output(path, output_format, recording, calibration) as (sink, others):
+        for frame in _write_others_before(others, frames):
+            try:
+                sink.write_frame(frame)
+            except UnreadableFrameError as error:
+                _log.warning("the frame at %s is left out: %s", frame.stamps.color, error)
+                continue
+            count += 1
+            progress(count)
+    return count
 
 
 def _read_frames(recording: Recording) -> tuple[CameraCalibration, Iterator[StoredFrame]]:

@@ -191,6 +191,23 @@ def test_an_image_that_cannot_be_read_is_left_out_and_logged(
     assert "is left out" in caplog.text
 
 
+@pytest.mark.parametrize(("name", "kind"), [*OUTPUTS, ("folder", OutputFormat.FOLDER)])
+def test_a_recording_that_is_not_complete_has_another_name(
+    copy_recording: CopyRecording, tmp_path: Path, name: str, kind: OutputFormat
+) -> None:
+    out, existed = tmp_path / "out" / name, set[bool]()
+    convert(open_recording(copy_recording()), out, kind, lambda _: existed.add(out.exists()))
+    assert (existed, out.exists()) == ({False}, True)
+
+
+def test_what_a_killed_conversion_left_is_not_used(
+    copy_recording: CopyRecording, tmp_path: Path
+) -> None:
+    (tmp_path / "a.mcap.part").mkdir()
+    with pytest.raises(InputError, match=r"a\.mcap\.part: a conversion runs or was killed"):
+        convert_path(copy_recording(), tmp_path / "a.mcap")
+
+
 def test_nothing_is_left_after_a_failure(copy_recording: CopyRecording, tmp_path: Path) -> None:
     def stop(count: int) -> None:
         if count == 3:
@@ -200,7 +217,7 @@ def test_nothing_is_left_after_a_failure(copy_recording: CopyRecording, tmp_path
     for name, kind in [*OUTPUTS, ("folder", OutputFormat.FOLDER)]:
         with pytest.raises(KeyboardInterrupt):
             convert(open_recording(folder), tmp_path / "out" / name, kind, stop)
-        assert not (tmp_path / "out" / name).exists()
+        assert list((tmp_path / "out").iterdir()) == []
     (tmp_path / "file").write_text("")
     with pytest.raises(UserFacingError, match="cannot be written: File exists"):
         convert_path(folder, tmp_path / "file" / "a.mcap")

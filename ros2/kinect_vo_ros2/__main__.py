@@ -4,7 +4,8 @@ import argparse
 import importlib.util
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from importlib.metadata import PackageNotFoundError, version
 from typing import NoReturn
 
@@ -36,11 +37,10 @@ def main(argv: Sequence[str] | None = None) -> NoReturn:
     )
     parser.parse_args(arguments)
     profiles = prepare_middleware(os.environ, _rclpy_version())
-    try:
-        _run(arguments)
-    finally:
+    with ExitStack() as stack:
         for profile in profiles:
-            profile.close()
+            stack.enter_context(profile)
+        _run(arguments, stack.close)
     sys.exit(0)
 
 
@@ -64,7 +64,8 @@ def _rclpy_version() -> str:
         return "0"
 
 
-def _run(arguments: Sequence[str]) -> None:
+def _run(arguments: Sequence[str], on_start: Callable[[], None]) -> None:
+    """Run the node; `on_start` is called when the middleware has read its settings."""
     try:
         import rclpy
         from rclpy.exceptions import (
@@ -86,6 +87,7 @@ def _run(arguments: Sequence[str]) -> None:
     try:
         rclpy.init(args=[sys.argv[0], *arguments])
         node = KinectVoNode()
+        on_start()
     except (SettingsError, InvalidParameterTypeException, InvalidParameterValueException) as error:
         _fail(str(error), code=2)
     except Exception as error:  # rclpy has no public class for wrong arguments

@@ -57,7 +57,8 @@ def prepare_middleware(environment: MutableMapping[str, str], rclpy_version: str
         rclpy_version: Version of rclpy, such as "7.1.6".
 
     Returns:
-        The profile, which Fast DDS reads when the node starts; it is removed when it is closed.
+        The profile, which Fast DDS reads when the node starts; it is removed when it is closed,
+        and left behind by a process that is killed before.
     """
     major = int(rclpy_version.partition(".")[0])
     if not any(name in environment for name in _DISCOVERY_VARIABLES):

@@ -3,6 +3,7 @@
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -54,6 +55,16 @@ def test_kinect_vo_does_not_notice_that_the_node_is_killed(
     assert service.poses.errors == service.poses.dropped == 0
     with ros.node(port), ros.reader(1, "/odom=nav_msgs/Odometry") as reader:
         reader.first("/odom")
+
+
+def test_a_killed_node_leaves_no_settings_of_the_middleware(
+    port: int, service: KinectVo, ros: Ros, tmp_path: Path
+) -> None:
+    there = replace(ros, environment={**ros.environment, "TMPDIR": str(tmp_path)})
+    with there.node(port) as node:
+        node.wait_for_line("connected")
+        node.process.kill()
+    assert list(tmp_path.glob("*.xml")) == []
 
 
 def test_a_reader_without_rights_gets_poses_and_a_refusal(

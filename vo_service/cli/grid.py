@@ -84,6 +84,7 @@ def run(request: GridRequest) -> int:
     if problem := mounting_problem(config.scan, T_base_camera):
         raise InputError(f"{problem}; or give --camera-height and --camera-tilt")
     open_requested(request.folder, config.camera.file, request.topics)
+    is_new = not request.output.is_dir()
     _create_output(request.output)
     terminal = Terminal()
     mapper = GridMapper(config.scan, T_base_camera, config.map.resolution_m, config.map.range_max_m)
@@ -97,8 +98,9 @@ def run(request: GridRequest) -> int:
         progress.close()
     grid = recorder.render()
     if grid is NO_GRID:
-        with suppress(OSError):
-            request.output.rmdir()  # it is empty
+        if is_new:
+            with suppress(OSError):
+                request.output.rmdir()
         raise InputError(f"{request.folder}: no floor and no obstacle was seen")
     image, settings, picture = FILES
     atomic_write(request.output / image, encode_grid_image(grid))

@@ -24,9 +24,9 @@ from vo_service.odometry.direct.keyframe import DirectKeyframe
 from vo_service.odometry.direct.parameters import (
     BRIGHTNESS_WEIGHT,
     INDEPENDENT_BRIGHTNESS_WEIGHT,
+    KEYFRAME_DECAY,
     MAX_VIGNETTING,
     SHARED_ERROR_DECAY,
-    VIGNETTING_DECAY,
     VIGNETTING_PRIOR_SIGMA,
     VIGNETTING_VIEW_SIGMA,
 )
@@ -112,7 +112,7 @@ class VignettingEstimate:
             H + REGULARIZATION * np.diag(np.diag(H)) + REGULARIZATION * np.eye(2)
         )
         measured = images.vignetting + float(inverse[1] @ g)
-        prior_information = VIGNETTING_DECAY * self.information
+        prior_information = KEYFRAME_DECAY * self.information
         view_information = 1.0 / (VIGNETTING_VIEW_SIGMA**2 + float(inverse[1, 1]))
         information = prior_information + view_information
         value = (prior_information * self.value + view_information * measured) / information

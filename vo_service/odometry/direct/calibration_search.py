@@ -54,7 +54,7 @@ class TimingHypothesis:
         )
         self.correction = correction
         self._keyframe = replace(keyframe, images=images)
-        self.motion_state = MotionState.at_rest(keyframe.T_world_keyframe, images)
+        self.motion_state = MotionState.at_rest(keyframe.T_world_keyframe, images.stamp_s)
         self.scores: list[float] = []
         self.poses: list[Pose] = [(keyframe.images.stamp_s, keyframe.T_world_keyframe)]
 
@@ -71,13 +71,13 @@ class TimingHypothesis:
             self.scores.append(0.0)
             return
         if len(self.poses) == 1:
-            result = rebuild_first_keyframe(result, images, self.motion_state, SEARCHED_CELLS)
+            result = rebuild_first_keyframe(result, images, SEARCHED_CELLS)
             self._keyframe = result.keyframe
         state = self.motion_state
         self.motion_state = state.advance(
             result.T_world_camera,
             result.alignment.camera_velocity,
-            images,
+            images.stamp_s,
             result.alignment.gain,
             state.normalized_innovation,
             images.stamp_s,
@@ -93,7 +93,7 @@ class TimingHypothesis:
             images,
             state.predict_alignment(keyframe.T_world_keyframe, images.stamp_s),
             prior,
-            state.predict_gain(images, keyframe.images),
+            state.gain,
             uniform_weights(),
         )
         return TrackingResult(keyframe, alignment, prior)

@@ -14,8 +14,8 @@ from drivers.core.jit import kernel
 from vo_service.odometry.depth_planes import fit_plane
 from vo_service.odometry.direct.image_pyramid import ImagePyramid
 from vo_service.odometry.direct.parameters import (
-    DEPTH_NOISE_DECAY,
     DEPTH_NOISE_PER_M,
+    KEYFRAME_DECAY,
     MAX_NOISE_STEP_PER_M,
     MAX_SURFACE_STEP_SHARE,
     MIN_PLANE_SUPPORT,
@@ -50,7 +50,7 @@ class DepthNoise:
             return self
         measured = float(np.median(residuals))
         before = measured if self.measured_per_m is None else self.measured_per_m
-        return DepthNoise(DEPTH_NOISE_DECAY * before + (1.0 - DEPTH_NOISE_DECAY) * measured)
+        return DepthNoise(KEYFRAME_DECAY * before + (1.0 - KEYFRAME_DECAY) * measured)
 
 
 @kernel

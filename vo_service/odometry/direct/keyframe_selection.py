@@ -53,9 +53,9 @@ from vo_service.odometry.direct.parameters import (
     MAX_JOINT_KEYFRAMES,
     MAX_KEYFRAME_FLOW_PX,
     MAX_OCCLUDED_SHARE,
-    MIN_JOINT_OVERLAP,
+    MIN_IN_VIEW_SHARE,
     MIN_KEYFRAME_OVERLAP,
-    MIN_KEYFRAME_POINT_SHARE,
+    MIN_KEYFRAME_POINTS,
     NUM_JOINT_STEPS,
 )
 from vo_service.odometry.direct.quality import (
@@ -191,7 +191,7 @@ def _refine_jointly(tracked: TrackedFrame, local_map: LocalMap) -> TrackedFrame:
     others = [
         other
         for other, overlap in local_map.rank_by_overlap(tracked.result.T_world_camera)
-        if other is not keyframe and overlap.share >= MIN_JOINT_OVERLAP
+        if other is not keyframe and overlap.share >= MIN_IN_VIEW_SHARE
     ][:MAX_JOINT_KEYFRAMES]
     T = align_jointly(keyframe, others, tracked.images, alignment)
     result = replace(tracked.result, alignment=replace(alignment, T_camera_keyframe=T))
@@ -293,7 +293,7 @@ def select(tracked: TrackedFrame, local_map: LocalMap) -> DirectKeyframe:
         alignment.is_static,
     )
     keyframe = remove_dynamic_points(keyframe, local_map.keyframes)
-    if len(keyframe.points[0]) < MIN_KEYFRAME_POINT_SHARE * len(result.keyframe.points[0]):
+    if len(keyframe.points[0]) < MIN_KEYFRAME_POINTS:
         return result.keyframe
     local_map.add(keyframe)
     return keyframe
@@ -302,7 +302,6 @@ def select(tracked: TrackedFrame, local_map: LocalMap) -> DirectKeyframe:
 def rebuild_first_keyframe(
     result: TrackingResult,
     images: ImagePyramid,
-    motion_state: MotionState,
     is_static: NDArray[np.bool_],
 ) -> TrackingResult:
     """Rebuild the first keyframe by the velocity, and align the second frame with it again.
@@ -310,7 +309,6 @@ def rebuild_first_keyframe(
     Args:
         result: Alignment of the second frame with it.
         images: The second frame.
-        motion_state: At the first frame.
         is_static: (CELLS,) which cells of the image to take points from.
     """
     old = result.keyframe
@@ -322,7 +320,7 @@ def rebuild_first_keyframe(
         images,
         result.alignment.T_camera_keyframe,
         result.prior,
-        motion_state.gain,
+        images.brightness_ratio(old.images),
         uniform_weights(),
     )
     return TrackingResult(keyframe, alignment, result.prior)

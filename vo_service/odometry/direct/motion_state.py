@@ -8,7 +8,6 @@ from drivers.camera import PosePrior
 from drivers.core.geometry import Array, inverse, transport_covariance
 from drivers.core.jit import kernel
 from vo_service.odometry.direct.gauss_newton import MotionPrior, velocity_information
-from vo_service.odometry.direct.image_pyramid import HasMeanBrightness, ImagePyramid
 from vo_service.odometry.direct.motion import (
     body_motion,
     compose,
@@ -21,7 +20,6 @@ from vo_service.odometry.direct.motion import (
 from vo_service.odometry.direct.parameters import (
     MAX_EXTRAPOLATION_S,
     MAX_PREDICTION_S,
-    MAX_STEADY_BRIGHTNESS_CHANGE,
     MIN_FRAME_INTERVAL_S,
     MOTION_DECAY,
     VELOCITY_SIGMA,
@@ -71,8 +69,7 @@ class MotionState:
         T_world_camera: 4x4 pose.
         velocity: (6,) twist of the camera in its own axes, m/s and rad/s.
         stamp_s: Stamp of the frame.
-        gain: Ratio of its brightness to the keyframe's.
-        mean_brightness: Of the whole image, gray levels.
+        gain: Ratio of its brightness to the keyframe's, which the next frame starts with.
         velocity_noise: (2,) change of the velocity from frame to frame, m/s and rad/s: root of a
             fading mean square over three components; infinite if unknown.
         normalized_innovation: Fading mean of the squared innovations of the pose, each divided by
@@ -86,8 +83,7 @@ class MotionState:
     T_world_camera: Array
     velocity: Array
     stamp_s: float
-    gain: float
-    mean_brightness: float
+    gain: float = 1.0
     velocity_noise: Array = field(default_factory=lambda: np.full(2, np.inf))
     normalized_innovation: float = 0.0
     well_constrained_stamp_s: float = 0.0
@@ -95,16 +91,9 @@ class MotionState:
     drift: WheelDrift = NO_DRIFT
 
     @classmethod
-    def at_rest(cls, T_world_camera: Array, images: ImagePyramid) -> "MotionState":
+    def at_rest(cls, T_world_camera: Array, stamp_s: float) -> "MotionState":
         """Make the state at a first frame with pose T_world_camera (4x4)."""
-        return cls(
-            T_world_camera,
-            np.zeros(6),
-            images.stamp_s,
-            1.0,
-            images.mean_brightness,
-            well_constrained_stamp_s=images.stamp_s,
-        )
+        return cls(T_world_camera, np.zeros(6), stamp_s, well_constrained_stamp_s=stamp_s)
 
     def with_pose_prior(self, pose_prior: PosePrior | None) -> "MotionState":
         """Return this state if it has this prior, or a copy with it."""
@@ -179,7 +168,7 @@ class MotionState:
         self,
         T_world_camera: Array,
         velocity: Array,
-        images: ImagePyramid,
+        stamp_s: float,
         gain: float,
         normalized_innovation: float,
         well_constrained_stamp_s: float,
@@ -189,18 +178,17 @@ class MotionState:
         Args:
             T_world_camera: 4x4 pose.
             velocity: (6,) twist of the camera in its own axes, m/s and rad/s.
-            images: The frame.
+            stamp_s: Stamp of the frame.
             gain: Ratio of its brightness to the keyframe's.
             normalized_innovation: See `MotionState`.
             well_constrained_stamp_s: See `MotionState`.
         """
-        is_measured = well_constrained_stamp_s == images.stamp_s
+        is_measured = well_constrained_stamp_s == stamp_s
         return MotionState(
             T_world_camera,
             velocity,
-            images.stamp_s,
+            stamp_s,
             gain,
-            images.mean_brightness,
             self.update_velocity_noise(velocity) if is_measured else self.velocity_noise,
             normalized_innovation,
             well_constrained_stamp_s,
@@ -211,12 +199,6 @@ class MotionState:
     def next_drift(self) -> WheelDrift:
         """Drift of the wheels at the next frame."""
         return self.drift if self.told_motion is None else self.drift.after(self.told_motion)
-
-    def predict_gain(self, images: ImagePyramid, keyframe: HasMeanBrightness) -> float:
-        """Initial gain: the last one; the ratio of the brightness if that has changed at once."""
-        if abs(images.brightness_ratio(self) - 1.0) <= MAX_STEADY_BRIGHTNESS_CHANGE:
-            return self.gain
-        return images.brightness_ratio(keyframe)
 
     def is_predictable(self, stamp_s: float) -> bool:
         """Whether a degenerate view is acceptable at a stamp.

@@ -35,7 +35,7 @@ from vo_service.odometry.direct.parameters import (
     MAX_FAILURES,
     MAX_LOST_S,
     MAX_PREDICTION_S,
-    MIN_FIRST_KEYFRAME_POINTS,
+    MIN_KEYFRAME_POINTS,
     POINT_BLOCKS_PX,
     REINITIALIZATIONS,
 )
@@ -241,7 +241,7 @@ class DirectOdometry:
             images,
             motion_state.predict_alignment(keyframe.T_world_keyframe, images.stamp_s),
             prior,
-            motion_state.predict_gain(images, keyframe.images),
+            motion_state.gain,
             uniform_weights(),
         )
         return TrackingResult(keyframe, alignment, prior)
@@ -253,7 +253,7 @@ class DirectOdometry:
         if not track.is_first or images.shutter.is_instant or rejection_reason(result.alignment):
             return result
         for _ in range(REINITIALIZATIONS):
-            result = rebuild_first_keyframe(result, images, track.motion_state, ALL_STATIC)
+            result = rebuild_first_keyframe(result, images, ALL_STATIC)
         self._map.reset(result.keyframe)
         return result
 
@@ -300,14 +300,14 @@ class DirectOdometry:
         if reason := self._start_rejection_reason(keyframe, images):
             return self._make_estimate(False, f"cannot start: {reason}", debug)
         self._map.reset(keyframe)
-        motion_state = MotionState.at_rest(self._T_world_camera, images)
+        motion_state = MotionState.at_rest(self._T_world_camera, images.stamp_s)
         self._track = DirectTrack(keyframe, motion_state, self._T_world_camera, is_first=True)
         self._failures = 0
         return replace(self._make_estimate(True, "", debug), is_reset=is_reset)
 
     def _start_rejection_reason(self, keyframe: DirectKeyframe, images: ImagePyramid) -> str:
         """Why a frame is no first keyframe: the next ones could not be aligned with it."""
-        if len(keyframe.points[0]) < MIN_FIRST_KEYFRAME_POINTS:
+        if len(keyframe.points[0]) < MIN_KEYFRAME_POINTS:
             return f"only {len(keyframe.points[0])} points with depth"
         self_alignment = align(
             keyframe.points,
@@ -363,7 +363,7 @@ class DirectOdometry:
         motion_state = last.advance(
             T_world_camera,
             velocity,
-            images,
+            images.stamp_s,
             last.gain,
             last.normalized_innovation,
             last.well_constrained_stamp_s,
@@ -404,7 +404,9 @@ class DirectOdometry:
         motion = constant_velocity_motion(velocity)
         keyframe = make_keyframe(frame, images, T_world_camera, motion, ALL_STATIC)
         self._map.add(keyframe)
-        motion_state = replace(MotionState.at_rest(T_world_camera, images), velocity=velocity)
+        motion_state = replace(
+            MotionState.at_rest(T_world_camera, images.stamp_s), velocity=velocity
+        )
         self._track = DirectTrack(keyframe, motion_state, T_world_camera)
         self._T_world_camera, self._failures = T_world_camera, 0
         return self._make_estimate(
@@ -429,7 +431,7 @@ class DirectOdometry:
         motion_state = track.motion_state.advance(
             result.T_world_camera,
             result.alignment.camera_velocity,
-            images,
+            images.stamp_s,
             result.alignment.gain if keyframe is result.keyframe else 1.0,
             normalized_innovation,
             images.stamp_s

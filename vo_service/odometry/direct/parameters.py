@@ -25,8 +25,6 @@ DEPTH_NOISE_PER_M = 1.5e-3
 # differ by this, 1/m, as the noise is not known yet.
 NOISE_GRID_PX = 16
 MAX_NOISE_STEP_PER_M = 0.03
-# Forgetting factor per keyframe.
-DEPTH_NOISE_DECAY = 0.8
 
 # KEYFRAME POINTS
 # One point per block of this size, by level: the pixel with the steepest brightness. Engel, Koltun
@@ -63,7 +61,8 @@ MAX_SAME_SURFACE_RATIO = 2.0
 # bound; before the first step, with interpolation and plane fit.
 MIN_SIGMAS = (1.0, 0.4)
 INITIAL_SIGMAS = (10.0, 2.0)
-# Upper bound of the estimated sigmas, as a multiple of the initial ones.
+# Upper bound of the estimated sigmas, as a multiple of the initial ones: no timing is better by
+# how badly another one fits.
 MAX_SIGMA_RATIO = 3.0
 # Fewest samples, or planes, for an estimate of sigma.
 MIN_SIGMA_SAMPLES = 50.0
@@ -113,8 +112,6 @@ MAX_EXTRAPOLATION_S = 0.4
 MIN_FRAME_INTERVAL_S = 1e-3
 # Forgetting factor per frame of the velocity noise and of the normalized innovation.
 MOTION_DECAY = 0.9
-# The last gain and offset are kept if the mean brightness changes by no more than this share.
-MAX_STEADY_BRIGHTNESS_CHANGE = 0.1
 # Share of the measured pose's covariance that differs from frame to frame; the rest is that of the
 # keyframe, which a filter does not average out.
 FRAME_COVARIANCE_SHARE = 0.1
@@ -137,7 +134,7 @@ MAX_FAILURES, MAX_LOST_S = 3, 2.0
 # QUALITY
 # Fewest points of the keyframe in view, and fewest samples of them, that give a motion.
 MIN_SAMPLES = 100
-# Smallest share of the keyframe's points in view.
+# Smallest share of the keyframe's points in view, also of one that another is aligned with.
 MIN_IN_VIEW_SHARE = 0.25
 # Smallest share of the samples that agree with the keyframe.
 MIN_CONSISTENT_SHARE = 0.75
@@ -181,12 +178,12 @@ VIGNETTING_PRIOR_SIGMA = 0.1
 MAX_VIGNETTING = 0.5
 # Sigma of a single view, however many samples it has: surfaces are shiny, and lamps are near.
 VIGNETTING_VIEW_SIGMA = 0.05
-# Forgetting factor per view.
-VIGNETTING_DECAY = 0.9
 
 # KEYFRAMES
-# Fewest points of a first keyframe.
-MIN_FIRST_KEYFRAME_POINTS = 200
+# Fewest points of a keyframe.
+MIN_KEYFRAME_POINTS = 200
+# Forgetting factor per keyframe of the noise of depth and of the vignetting.
+KEYFRAME_DECAY = 0.8
 # The first keyframe of a rolling shutter is rebuilt this many times, by the velocity that the one
 # before gives: with one, the second pose of a fast start is off by 0.8 mm instead of 0.2 mm.
 REINITIALIZATIONS = 2
@@ -196,14 +193,10 @@ MAX_KEYFRAMES = 30
 MAX_KEYFRAME_FLOW_PX = 70.0
 # or a smaller share of its points is in view.
 MIN_KEYFRAME_OVERLAP = 0.75
-# Number of other keyframes that the next one is aligned with, and the share of their points in
-# view.
+# Number of other keyframes that the next one is aligned with.
 MAX_JOINT_KEYFRAMES = 2
-MIN_JOINT_OVERLAP = 0.5
 # Steps of that alignment.
 NUM_JOINT_STEPS = 2
-# A keyframe has at least this share of the points of the one before.
-MIN_KEYFRAME_POINT_SHARE = 0.25
 
 # DYNAMIC POINTS
 # The view is divided into blocks of this size; the pixel in the center stands for the block.

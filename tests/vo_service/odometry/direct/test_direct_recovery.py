@@ -52,7 +52,7 @@ def keyframe_of(frame: RgbdFrame, T: Array) -> DirectKeyframe:
 
 
 AHEAD, ASIDE = keyframe_of(looking(0.0), np.eye(4)), keyframe_of(looking(0.5), turned(0.5))
-MOTION_STATE = MotionState(np.eye(4), np.zeros(6), 0.0, 1.0, AHEAD.images.mean_brightness)
+MOTION_STATE = MotionState(np.eye(4), np.zeros(6), 0.0)
 SEARCH = FeatureSearch(SurfExtractor())
 
 
@@ -182,14 +182,14 @@ def test_a_first_keyframe_is_made_again_once_the_velocity_is_known() -> None:
     first, second = render_sequence(BRISK, 2, readout_s=0.03, skew_s=0.01)
     images = build_image_pyramid(first)
     keyframe = make_keyframe(first, images, np.eye(4), zero_motion(), ALL_STATIC)
-    way = MotionState(np.eye(4), np.zeros(6), 0.0, 1.0, images.mean_brightness)
+    way = MotionState(np.eye(4), np.zeros(6), 0.0)
     prior = way.motion_prior(np.eye(4), second.stamp_s)
     start = way.predict_alignment(np.eye(4), second.stamp_s)
     align_frame = align(
         keyframe.points, build_image_pyramid(second), start, prior, 1.0, uniform_weights()
     )
     found = rebuild_first_keyframe(
-        TrackingResult(keyframe, align_frame, prior), build_image_pyramid(second), way, ALL_STATIC
+        TrackingResult(keyframe, align_frame, prior), build_image_pyramid(second), ALL_STATIC
     )
     np.testing.assert_allclose(found.keyframe.motion, BRISK.motion, atol=0.04)
     assert found.keyframe.frame.depth_raw is first.depth_raw

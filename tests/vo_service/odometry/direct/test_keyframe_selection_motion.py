@@ -53,8 +53,6 @@ def good_frame(stamp_s: float, readout_s: float = 0.02) -> TrackedFrame:
         T_world_before,
         UNSTEADY.velocity,
         before_s,
-        1.0,
-        128.0,
         well_constrained_stamp_s=before_s,
     )
     prior = state.motion_prior(DISTORTED.T_world_keyframe, stamp_s)

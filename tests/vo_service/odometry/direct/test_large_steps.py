@@ -130,8 +130,7 @@ def test_a_view_that_may_have_slid_is_believed_only_soon_or_with_features() -> N
     alignment = align(keyframe.points, images, np.eye(4), UNKNOWN_MOTION, 1.0, uniform_weights())
     result = TrackingResult(keyframe, alignment, UNKNOWN_MOTION)
     soon, late = (
-        replace(MotionState.at_rest(np.eye(4), images), stamp_s=images.stamp_s - elapsed_s)
-        for elapsed_s in (0.03, 0.5)
+        MotionState.at_rest(np.eye(4), images.stamp_s - elapsed_s) for elapsed_s in (0.03, 0.5)
     )
     assert rejection_reason_after(result, soon, images) == ""
     assert "elsewhere along a surface" in rejection_reason_after(result, late, images)

@@ -8,16 +8,13 @@ import pytest
 from drivers.core.geometry import Array, inverse
 from tests.vo_service.odometry.direct.rolling_shutter_views import (
     BRISK,
-    change_lighting,
-    render_view,
 )
-from vo_service.odometry.direct.image_pyramid import build_image_pyramid
 from vo_service.odometry.direct.motion import change_frame
 from vo_service.odometry.direct.motion_state import MotionState
 from vo_service.odometry.direct.parameters import VELOCITY_SIGMA
 
 T_WORLD_KEYFRAME = BRISK.pose_at(-0.3)
-MOTION_STATE = MotionState(BRISK.pose_at(1.0), BRISK.velocity, 1.0, 1.1, 120.0)
+MOTION_STATE = MotionState(BRISK.pose_at(1.0), BRISK.velocity, 1.0)
 
 
 def test_the_prediction_is_a_constant_velocity() -> None:
@@ -92,11 +89,9 @@ def test_calm_is_ignored_after_a_long_time() -> None:
 
 
 def test_prediction_continues_from_the_next_good_frame() -> None:
-    images = build_image_pyramid(render_view())
-    stamp_s = images.stamp_s
-    there = MOTION_STATE.advance(BRISK.pose_at(1.1), BRISK.velocity, images, 1.2, 0.7, stamp_s)
-    assert there.stamp_s == there.well_constrained_stamp_s == stamp_s
+    there = MOTION_STATE.advance(BRISK.pose_at(1.1), BRISK.velocity, 1.1, 1.2, 0.7, 1.1)
     assert there.gain == 1.2
+    assert there.stamp_s == there.well_constrained_stamp_s == 1.1
     assert there.normalized_innovation == 0.7
     np.testing.assert_array_equal(
         there.velocity_noise, MOTION_STATE.update_velocity_noise(BRISK.velocity)
@@ -105,8 +100,7 @@ def test_prediction_continues_from_the_next_good_frame() -> None:
 
 
 def test_a_degenerate_view_tells_nothing_of_the_velocity_noise() -> None:
-    images = build_image_pyramid(render_view())
-    there = MOTION_STATE.advance(BRISK.pose_at(1.1), BRISK.velocity, images, 1.2, 0.7, -1.0)
+    there = MOTION_STATE.advance(BRISK.pose_at(1.1), BRISK.velocity, 1.1, 1.2, 0.7, -1.0)
     assert there.well_constrained_stamp_s == -1.0
     np.testing.assert_array_equal(there.velocity_noise, MOTION_STATE.velocity_noise)
 
@@ -130,15 +124,3 @@ def test_a_degenerate_view_is_extrapolated_for_a_moment(
 def test_a_pose_is_extrapolated_if_the_last_good_frame_was_degenerate() -> None:
     assert not replace(MOTION_STATE, well_constrained_stamp_s=1.0).is_extrapolated
     assert replace(MOTION_STATE, well_constrained_stamp_s=0.9).is_extrapolated
-
-
-def predicted_gain(lighting: float) -> float:
-    images = build_image_pyramid(change_lighting(render_view(), lighting))
-    before = build_image_pyramid(render_view())
-    state = replace(MOTION_STATE, mean_brightness=before.mean_brightness)
-    return state.predict_gain(images, before)
-
-
-def test_the_gain_is_kept_unless_the_lighting_changed_at_once() -> None:
-    assert predicted_gain(1.02) == MOTION_STATE.gain
-    assert predicted_gain(0.6) == pytest.approx(0.6, rel=0.05)

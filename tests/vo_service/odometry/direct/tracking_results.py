@@ -30,8 +30,6 @@ MOTION = MotionState(
     BRISK.pose_at(1.0),
     BRISK.velocity,
     1.0,
-    1.0,
-    120.0,
     well_constrained_stamp_s=1.0,
 )
 STAMP_S = 1.0 + 1 / 30

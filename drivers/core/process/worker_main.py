@@ -14,6 +14,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 from drivers.core import UserFacingError
+from drivers.core.memory import release_memory
 from drivers.core.process.messages import StartWorker, WorkerFailed, receive_message
 from drivers.core.process.service_connection import ForwardingHandler, ServiceConnection
 from drivers.core.process.worker_spec import WorkerSpec
@@ -52,6 +53,7 @@ def _run(function: str, connection: "Connection[object, object]") -> None:
     module, _, name = function.partition(":")
     # Before cv2: a module may set what the libraries read when they are loaded.
     run = getattr(import_module(module), name)
+    release_memory()  # of the import
     _lower_priority(start.spec)
     try:
         run(service)

@@ -52,7 +52,7 @@ WORKER_SPEC = WorkerSpec(
     oom_score_adj=800,
 )
 # The process reads the ring several times a second: this is far more than it needs.
-_RING_S, _RING_BYTES = 60.0, 24_000_000
+_RING_S, _RING_BYTES = 10.0, 24_000_000
 
 # A frame for the process, and what is attached to it.
 _QueueItem = tuple[OdometryUpdate, OdometryConstraint | RelocalizationQuery | None]

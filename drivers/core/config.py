@@ -213,6 +213,8 @@ def _convert_text(kind: type[Any], value: Any, spec: Field, path: KeyPath) -> An
         raise FieldError(path, f"{format_value(value)} is not valid; give {spec.pattern_name}")
     if "\0" in value:  # no path, address or name can hold it
         raise FieldError(path, "the character \\u0000 is not allowed; remove it")
+    if kind is Path and not value:  # it would mean the current folder
+        raise FieldError(path, "is empty; give a path, or leave the key out")
     if kind is Path and value.startswith("~"):
         raise FieldError(path, f"{format_value(value)}: write the home folder instead of ~")
     return kind(value)

@@ -174,6 +174,7 @@ def test_texts_that_no_path_can_be_are_refused() -> None:
     unusable = "room.toml:3: key `plan`: the character \\u0000 is not allowed; remove it"
     assert complaint('width = 4\nplan = "a\\u0000"') == unusable
     assert 'key `plan`: "~/hall.png": write the home' in complaint('width = 4\nplan = "~/hall.png"')
+    assert "key `plan`: is empty; give a path" in complaint('width = 4\nplan = ""')
 
 
 def test_a_byte_order_mark_and_dos_line_ends_are_accepted(tmp_path: Path) -> None:

@@ -31,7 +31,9 @@ from drivers.calibration import UNKNOWN_TIMING
 from drivers.camera import RgbdFrame
 from drivers.core import InputError
 from drivers.tum.folder import open_tum_folder
-from vo_service.odometry.warm_up import warm_up
+from vo_service.odometry.registry import METHODS, MethodConfig
+from vo_service.odometry.warm_up import run_warm_up_frames
+from vo_service.types.odometry import NullStageTimer
 
 PARTS = ("recordings", "sensors", "scenes")
 # Those of the table in docs/ are not used to choose a parameter.
@@ -160,7 +162,8 @@ def run_cases(
 
 
 def _warm_up(method: str) -> None:
-    warm_up(method, lambda stage: None)
+    """Compile the kernels in this process: others would not know changed parameters."""
+    run_warm_up_frames(partial(METHODS[method], MethodConfig(), NullStageTimer()))
 
 
 def run_case(case: Case) -> Json:

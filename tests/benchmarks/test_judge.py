@@ -26,6 +26,7 @@ from drivers.core import InputError
 from drivers.core.geometry import Trajectory, rigid_transform
 from drivers.synthetic.config import SyntheticConfig
 from tests.vo_service.fakes import make_frame
+from vo_service.odometry import warm_up
 from vo_service.types.estimate import Estimate
 from vo_service.types.odometry_update import TrackingState
 
@@ -41,6 +42,13 @@ def result(ate_m: float | None, failed: int = 0) -> Json:
         "overconfident": 0,
         "cpu_ms": 3.0,
     }
+
+
+def test_a_method_is_compiled_by_the_process_whose_parameters_are_changed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(warm_up, "ensure_compiled", pytest.fail)  # it starts other processes
+    judge._warm_up("icp")
 
 
 def estimate_at(x_m: float) -> Estimate:

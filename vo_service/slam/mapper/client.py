@@ -51,8 +51,9 @@ WORKER_SPEC = WorkerSpec(
     # The service can run without such a process, so it is killed first when memory runs out.
     oom_score_adj=800,
 )
-# The process reads the ring several times a second: this is far more than it needs.
-_RING_S, _RING_BYTES = 10.0, 24_000_000
+# The process reads the ring several times a second, but it has a low priority. A moving camera has
+# two keyframes a second, and of a Kinect 24 have a place.
+_RING_S, _RING_BYTES = 60.0, 15_000_000
 
 # A frame for the process, and what is attached to it.
 _QueueItem = tuple[OdometryUpdate, OdometryConstraint | RelocalizationQuery | None]

@@ -232,11 +232,59 @@ def cast_rays(
     height, width = rays.shape[0], rays.shape[1]
     depth_m = np.empty((height, width), dtype=np.float32)
     solid = np.empty((height, width), dtype=np.int32)
+    best, nearest = np.empty(TILE), np.empty(TILE, dtype=np.int64)
     for v in range(height):
-        for u in range(width):
-            x, y = rays[v, u, 0], rays[v, u, 1]
-            depth_m[v, u], solid[v, u] = cast_ray(x, y, v, u, kind, frames, candidates, near_m)
+        for j in range(candidates.shape[1]):
+            first = j * TILE
+            count = min(TILE, width - first)
+            best[:], nearest[:] = FAR_M, -1
+            for n in range(candidates.shape[2]):
+                s = candidates[v // TILE, j, n]
+                if s < 0 or near_m[s] >= best[:count].max():
+                    break
+                _cast_at_solid(rays, v, first, count, s, kind[s], frames, best, nearest)
+            for k in range(count):
+                depth_m[v, first + k], solid[v, first + k] = best[k], nearest[k]
     return depth_m, solid
+
+
+@kernel
+def _cast_at_solid(
+    rays: Array,
+    v: int,
+    first: int,
+    count: int,
+    s: int,
+    kind: int,
+    frames: Array,
+    best: Array,
+    nearest: NDArray[np.int64],
+) -> None:
+    """Cast neighboring rays of row v at solid s, in a loop that the compiler vectorizes.
+
+    Args:
+        rays: (H, W, 2), see `cast_rays`.
+        first: Column of the first ray.
+        count: Number of rays.
+        kind: Kind of the solid.
+        frames: (H, S, 3, 4), see `cast_rays`.
+        best: (TILE,) depth of what each ray hits first, m; in and out.
+        nearest: (TILE,) index of that solid; in and out.
+    """
+    if kind > ROOM:
+        for k in range(count):
+            t = _intersect(rays[v, first + k, 0], rays[v, first + k, 1], v, s, kind, frames)
+            if t < best[k]:
+                best[k], nearest[k] = t, s
+        return
+    for k in range(count):
+        ox, oy, oz, dx, dy, dz = in_unit_cube(
+            rays[v, first + k, 0], rays[v, first + k, 1], v, s, frames
+        )
+        t = intersect_box(ox, oy, oz, dx, dy, dz, kind == ROOM)
+        is_nearer = t < best[k]
+        best[k] = t if is_nearer else best[k]
+        nearest[k] = s if is_nearer else nearest[k]
 
 
 @kernel
@@ -263,14 +311,19 @@ def cast_ray(
         s = candidates[i, j, n]
         if s < 0 or near_m[s] >= best:
             break
-        ox, oy, oz, dx, dy, dz = in_unit_cube(x, y, v, s, frames)
-        if kind[s] <= ROOM:
-            t = intersect_box(ox, oy, oz, dx, dy, dz, kind[s] == ROOM)
-        else:
-            t = intersect_sphere_or_cylinder(ox, oy, oz, dx, dy, dz, kind[s] == CYLINDER)
+        t = _intersect(x, y, v, s, kind[s], frames)
         if t < best:
             best, solid = t, s
     return best, solid
+
+
+@kernel
+def _intersect(x: float, y: float, v: int, s: int, kind: int, frames: Array) -> float:
+    """Depth where the ray (x, y, 1) of row v hits solid s; FAR_M if nowhere."""
+    ox, oy, oz, dx, dy, dz = in_unit_cube(x, y, v, s, frames)
+    if kind <= ROOM:
+        return intersect_box(ox, oy, oz, dx, dy, dz, kind == ROOM)
+    return intersect_sphere_or_cylinder(ox, oy, oz, dx, dy, dz, kind == CYLINDER)
 
 
 @kernel

@@ -34,9 +34,9 @@ ABLATIONS: Mapping[str, Changes] = {
     "no-region-weights": {"MAX_REGION_COST_RATIO": NO_LIMIT},
     "t-5": {"DEGREES_OF_FREEDOM": 5},
     "t-30": {"DEGREES_OF_FREEDOM": 30},
-    "half-the-points": {"POINT_BLOCKS_PX": (7, 4, 4, 3)},
+    "half-the-points": {"POINT_BLOCKS": (46, 40, 20, 14)},
     "three-levels": {
-        "POINT_BLOCKS_PX": (5, 3, 3),
+        "POINT_BLOCKS": (64, 54, 27),
         "MAX_STEPS": (24, 24, 15),
         "MIN_STEP_SIZES": (2e-4, 7e-4, 2e-3),
     },

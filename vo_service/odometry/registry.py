@@ -100,17 +100,17 @@ def make_surf(features: MethodConfig, timer: StageTimer) -> Odometry:
 
 def make_direct(features: MethodConfig, timer: StageTimer) -> Odometry:
     """Brightness and depth against keyframes; SURF features for recovery."""
+    from vo_service.odometry.direct.image_halving import HalvingOdometry
     from vo_service.odometry.direct.odometry import DirectOdometry
-    from vo_service.odometry.direct.parameters import POINT_BLOCKS_PX, SMALL_POINT_BLOCKS_PX
+    from vo_service.odometry.direct.parameters import POINT_BLOCKS, SMALL_POINT_BLOCKS
     from vo_service.odometry.direct.self_calibration import SelfCalibratingOdometry
     from vo_service.odometry.features.extractor import SurfExtractor
 
     extractor = SurfExtractor(features.count, features.upright)
-    point_blocks_px = {DEFAULT_PROFILE: POINT_BLOCKS_PX, SMALL_PROFILE: SMALL_POINT_BLOCKS_PX}
-    tracker = DirectOdometry(extractor, timer, point_blocks_px[features.profile])
-    if features.timing == FIXED_TIMING_MODE:
-        return tracker
-    return SelfCalibratingOdometry(tracker, timer=timer)
+    point_blocks = {DEFAULT_PROFILE: POINT_BLOCKS, SMALL_PROFILE: SMALL_POINT_BLOCKS}
+    tracker = DirectOdometry(extractor, timer, point_blocks[features.profile])
+    is_fixed = features.timing == FIXED_TIMING_MODE
+    return HalvingOdometry(tracker if is_fixed else SelfCalibratingOdometry(tracker, timer=timer))
 
 
 def make_icp(_features: MethodConfig, timer: StageTimer) -> Odometry:

@@ -29,6 +29,16 @@ class TrackingDebug:
     reference_matches_px: NDArray[np.float32] = field(default_factory=_empty_pixels)
     inlier: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, np.bool_))
 
+    def scaled(self, scale: int) -> "TrackingDebug":
+        """Return a copy for an image that is larger by this factor."""
+        factor = np.float32(scale)
+        return TrackingDebug(
+            factor * self.keypoints_px,
+            factor * self.matches_px,
+            factor * self.reference_matches_px,
+            self.inlier,
+        )
+
 
 # Source of a timing that the odometry has learned.
 LEARNED_TIMING = "learned"

@@ -109,6 +109,8 @@ class TimingSearchResult:
         score_gain: By how much the best hypothesis fits better than no correction.
         best: That hypothesis.
         count: Number of frames that were compared.
+        has_data: Whether most of them have texture and shape, and constrain the motion: others
+            tell no timing.
     """
 
     mean: Array
@@ -116,17 +118,22 @@ class TimingSearchResult:
     score_gain: float
     best: TimingHypothesis
     count: int
+    has_data: bool
 
     @property
     def is_clear(self) -> bool:
         """Whether no correction is clearly wrong; else frames hardly tell timings apart."""
-        return self.score_gain > MIN_SEARCH_SCORE_GAIN
+        return self.is_sufficient or (self.has_data and self.score_gain > MIN_SEARCH_SCORE_GAIN)
 
     @property
     def is_last(self) -> bool:
         """Whether no more frames are needed."""
-        is_sufficient = self.score_gain > SUFFICIENT_SEARCH_SCORE_GAIN
-        return is_sufficient or self.count >= NUM_SEARCHED_FRAMES - 1
+        return self.is_sufficient or self.count >= NUM_SEARCHED_FRAMES - 1
+
+    @property
+    def is_sufficient(self) -> bool:
+        """Whether the best hypothesis fits so much better that no more frames are needed."""
+        return self.score_gain > SUFFICIENT_SEARCH_SCORE_GAIN
 
 
 def needs_search(sigmas_s: Array) -> bool:
@@ -149,6 +156,7 @@ class TimingSearch:
     def __init__(self, sigmas_s: Array, keyframe: DirectKeyframe) -> None:
         self._sigmas_s, self.keyframe = sigmas_s, keyframe
         self._frames: list[ImagePyramid] = []
+        self._num_lacking = 0
         # Of a camera at rest it is the same for each timing.
         self._sparse = make_keyframe(
             keyframe.frame,
@@ -162,9 +170,15 @@ class TimingSearch:
             for correction in _make_corrections(keyframe.images.shutter.readout_s, sigmas_s)
         ]
 
-    def add(self, images: ImagePyramid) -> None:
-        """Track a frame with each timing."""
+    def add(self, images: ImagePyramid, lacks_data: bool = False) -> None:
+        """Track a frame with each timing.
+
+        Args:
+            images: The frame.
+            lacks_data: Whether it has no texture or shape, or does not constrain the motion.
+        """
         self._frames.append(images)
+        self._num_lacking += lacks_data
         for hypothesis in self.hypotheses:
             hypothesis.track(images)
 
@@ -186,12 +200,14 @@ class TimingSearch:
         mean = weights @ corrections
         # The timing may be between those that were tried.
         variance = weights @ np.square(corrections - mean) + np.square(SEARCH_STEPS_S) / 4.0
+        has_data = 2 * self._num_lacking < len(self._frames)
         return TimingSearchResult(
             mean,
             np.minimum(np.sqrt(variance), self._sigmas_s),
             float(scores[0] - scores.min()),
             self.hypotheses[int(np.argmin(scores))],
-            len(self.hypotheses[0].scores),
+            len(self._frames),
+            has_data,
         )
 
 

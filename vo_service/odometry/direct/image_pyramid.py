@@ -23,12 +23,12 @@ from vo_service.odometry.direct.parameters import (
     MAX_SURFACE_STEP_SIGMAS,
     MIN_GAIN,
     MIN_IMAGE_PX,
-    POINT_BLOCKS_PX,
+    POINT_BLOCKS,
 )
 
 # Brightness in 1/2, 1/4, 1/8 and 1/16 of the frame's size. The whole size gains nothing: a Kinect's
 # colors are interpolated, and its edges are 2 pixels wide. Kernels take this many levels.
-NUM_LEVELS = len(POINT_BLOCKS_PX)
+NUM_LEVELS = len(POINT_BLOCKS)
 # Bounds of the gain of the affine brightness model.
 GAIN_RANGE = (MIN_GAIN, 1.0 / MIN_GAIN)
 # The grid of cells over the image.
@@ -121,8 +121,8 @@ class ImagePyramid:
         vignetting: Of the lens, see `VignettingEstimate`.
         brightness_weight: Relative to depth, see `BrightnessWeight`.
         depth_noise: Sigma of the inverse depth of a pixel, 1/m, see `DepthNoise`.
-        point_blocks_px: Size of the blocks that give a point each, by level, at least as many as
-            gray images.
+        point_blocks: Number of blocks along the longer side that give a point each, by level, at
+            least as many as gray images.
     """
 
     gray: tuple[NDArray[np.uint8], ...]
@@ -133,7 +133,7 @@ class ImagePyramid:
     vignetting: float = 0.0
     brightness_weight: float = BRIGHTNESS_WEIGHT
     depth_noise: float = DEPTH_NOISE_PER_M
-    point_blocks_px: Sequence[int] = POINT_BLOCKS_PX
+    point_blocks: Sequence[int] = POINT_BLOCKS
 
     @cached_property
     def intrinsics(self) -> tuple[Array, ...]:
@@ -166,6 +166,12 @@ class ImagePyramid:
             for gray, intrinsics in zip(self.gray, halved, strict=True)
         )
 
+    @property
+    def point_blocks_px(self) -> Sequence[int]:
+        """Size of the blocks that give a point each, for each gray image."""
+        sides = [max(gray.shape) for gray in self.gray]
+        return [-(-side // blocks) for side, blocks in zip(sides, self.point_blocks, strict=False)]
+
     def brightness_ratio(self, other: HasMeanBrightness) -> float:
         """Ratio to the brightness of another view, within the bounds of the gain."""
         ratio = (self.mean_brightness + DARK_BRIGHTNESS) / (other.mean_brightness + DARK_BRIGHTNESS)
@@ -182,7 +188,7 @@ def build_image_pyramid(
     vignetting: float = 0.0,
     brightness_weight: float = BRIGHTNESS_WEIGHT,
     depth_noise: float = DEPTH_NOISE_PER_M,
-    point_blocks_px: Sequence[int] = POINT_BLOCKS_PX,
+    point_blocks: Sequence[int] = POINT_BLOCKS,
 ) -> ImagePyramid:
     """Build the image pyramid of a frame; see there for the arguments.
 
@@ -191,7 +197,7 @@ def build_image_pyramid(
         vignetting: Of the lens, see `VignettingEstimate`.
         brightness_weight: Relative to depth, see `BrightnessWeight`.
         depth_noise: See `DepthNoise`.
-        point_blocks_px: Block sizes of a keyframe's points, one for each level; at most
+        point_blocks: Numbers of blocks for a keyframe's points, one for each level; at most
             `NUM_LEVELS`.
     """
     depth_raw = frame.depth_raw.view()
@@ -199,7 +205,7 @@ def build_image_pyramid(
         False  # one array type to compile: some cameras' arrays are read-only
     )
     return ImagePyramid(
-        gray=_downscale(frame.gray, len(point_blocks_px)),
+        gray=_downscale(frame.gray, len(point_blocks)),
         depth=DepthImage(depth_raw, float(frame.depth_factor)),
         camera=frame.camera,
         shutter=ImageTiming(frame.readout_s, frame.skew_s),
@@ -207,7 +213,7 @@ def build_image_pyramid(
         vignetting=vignetting,
         brightness_weight=brightness_weight,
         depth_noise=depth_noise,
-        point_blocks_px=point_blocks_px,
+        point_blocks=point_blocks,
     )
 
 

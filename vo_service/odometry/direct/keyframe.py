@@ -80,11 +80,11 @@ class KeyframeOverlap:
 
     Attributes:
         share: Of its points that lie in the image, 0 to 1.
-        flow_px: Root mean square of their displacement, in pixels of the whole image.
+        flow: Root mean square of their displacement, as a share of the longer side of the image.
     """
 
     share: float
-    flow_px: float
+    flow: float
 
 
 class LocalMap:
@@ -126,7 +126,8 @@ def compute_overlap(keyframe: DirectKeyframe, T_camera_keyframe: Array) -> Keyfr
     in_view, squared = _measure_flow(
         keyframe.points[level], T_camera_keyframe, keyframe.images.intrinsics[0], size
     )
-    return KeyframeOverlap(in_view / max(len(keyframe.points[level]), 1), float(np.sqrt(squared)))
+    flow = float(np.sqrt(squared) / size.max())
+    return KeyframeOverlap(in_view / max(len(keyframe.points[level]), 1), flow)
 
 
 @kernel

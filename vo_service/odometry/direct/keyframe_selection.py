@@ -51,7 +51,7 @@ from vo_service.odometry.direct.parameters import (
     INITIAL_MODEL_UPDATES,
     MAX_BRIGHTNESS_RATIO,
     MAX_JOINT_KEYFRAMES,
-    MAX_KEYFRAME_FLOW_PX,
+    MAX_KEYFRAME_FLOW,
     MAX_OCCLUDED_SHARE,
     MIN_IN_VIEW_SHARE,
     MIN_KEYFRAME_OVERLAP,
@@ -74,7 +74,7 @@ from vo_service.odometry.direct.small_matrices import solve_cholesky
 
 # Largest flow of a keyframe that is used again. If frames are rare, the next one is far away, and a
 # larger flow makes the next keyframe due.
-MAX_REUSE_FLOW_PX = MAX_KEYFRAME_FLOW_PX / sqrt(2.0)
+MAX_REUSE_FLOW = MAX_KEYFRAME_FLOW / sqrt(2.0)
 
 
 @dataclass(frozen=True)
@@ -96,10 +96,6 @@ class TrackedFrame:
     motion_state: MotionState
     is_well_constrained: bool
     timing_errors: Array = field(default_factory=lambda: np.zeros((6, 2)))
-
-    def with_vignetting(self, vignetting: float) -> "TrackedFrame":
-        """Return a copy with the current `VignettingEstimate`."""
-        return replace(self, images=replace(self.images, vignetting=vignetting))
 
     def with_motion(self, motion: Array) -> "TrackedFrame":
         """Return a copy with another motion (9,) of the camera in its own axes."""
@@ -151,11 +147,11 @@ def needs_keyframe(tracked: TrackedFrame) -> bool:
         return True
     overlap = compute_overlap(result.keyframe, result.alignment.T_camera_keyframe)
     is_sparse = tracked.motion_state.is_stale(images.stamp_s)
-    return not _has_large_overlap(overlap, MAX_REUSE_FLOW_PX if is_sparse else MAX_KEYFRAME_FLOW_PX)
+    return not _has_large_overlap(overlap, MAX_REUSE_FLOW if is_sparse else MAX_KEYFRAME_FLOW)
 
 
-def _has_large_overlap(overlap: KeyframeOverlap, max_flow_px: float) -> bool:
-    return overlap.share >= MIN_KEYFRAME_OVERLAP and overlap.flow_px <= max_flow_px
+def _has_large_overlap(overlap: KeyframeOverlap, max_flow: float) -> bool:
+    return overlap.share >= MIN_KEYFRAME_OVERLAP and overlap.flow <= max_flow
 
 
 def refine(
@@ -280,7 +276,7 @@ def select(tracked: TrackedFrame, local_map: LocalMap) -> DirectKeyframe:
     """Return a keyframe of the map that is near enough, or add the frame to the map."""
     result, alignment = tracked.result, tracked.result.alignment
     for other, overlap in local_map.rank_by_overlap(result.T_world_camera):
-        if other is not result.keyframe and _has_large_overlap(overlap, MAX_REUSE_FLOW_PX):
+        if other is not result.keyframe and _has_large_overlap(overlap, MAX_REUSE_FLOW):
             local_map.move_to_newest(other)
             return other
     if occluded_fraction(alignment) > MAX_OCCLUDED_SHARE:

@@ -36,7 +36,7 @@ from vo_service.odometry.direct.parameters import (
     MAX_LOST_S,
     MAX_PREDICTION_S,
     MIN_KEYFRAME_POINTS,
-    POINT_BLOCKS_PX,
+    POINT_BLOCKS,
     REINITIALIZATIONS,
 )
 from vo_service.odometry.direct.pose_filter import (
@@ -97,16 +97,16 @@ class DirectOdometry:
     Args:
         extractor: Features for the recovery; a default one if None.
         timer: Times the stages; not timed if None.
-        point_blocks_px: Block sizes of a keyframe's points by level, see `ImagePyramid`.
+        point_blocks: Numbers of blocks for a keyframe's points by level, see `ImagePyramid`.
     """
 
     def __init__(
         self,
         extractor: SurfExtractor | None = None,
         timer: StageTimer | None = None,
-        point_blocks_px: Sequence[int] = POINT_BLOCKS_PX,
+        point_blocks: Sequence[int] = POINT_BLOCKS,
     ) -> None:
-        self._point_blocks_px = point_blocks_px
+        self._point_blocks = point_blocks
         self._timer = timer or NullStageTimer()
         self._recovery = DirectRecovery(extractor or SurfExtractor())
         self._map = LocalMap()
@@ -153,6 +153,7 @@ class DirectOdometry:
         keyframes: Sequence[DirectKeyframe],
         active: DirectKeyframe,
         motion_state: MotionState | None = None,
+        is_reference: bool = False,
     ) -> None:
         """Go on with other keyframes of the same world, after the first frame.
 
@@ -160,13 +161,15 @@ class DirectOdometry:
             keyframes: All keyframes, the most recently used one last.
             active: The one of them that the next frame is aligned with.
             motion_state: Another one at the last frame; None for the same.
+            is_reference: Whether that frame is the reference of the next motion.
         """
         assert self._track is not None
         self._map.keyframes = list(keyframes)
         self._track = replace(self._track, keyframe=active)
         if motion_state is not None:
-            self._track = DirectTrack(active, motion_state, self._track.T_world_reference)
             self._T_world_camera, self._failures = motion_state.T_world_camera, 0
+            reference = self._T_world_camera if is_reference else self._track.T_world_reference
+            self._track = DirectTrack(active, motion_state, reference)
 
     def estimate(self, frame: RgbdFrame) -> Estimate:
         """Estimate the camera's pose by aligning this frame with the keyframe.
@@ -180,7 +183,7 @@ class DirectOdometry:
                 self.vignetting,
                 self._brightness_weight.value,
                 self._depth_noise.value_per_m,
-                self._point_blocks_px,
+                self._point_blocks,
             )
         # Between frames that are close, only what moves or occludes hinders the alignment; most
         # features may be on it.
@@ -284,7 +287,6 @@ class DirectOdometry:
         self._vignetting = self._vignetting.update(
             keyframe, tracked.images, tracked.result.alignment
         )
-        tracked = tracked.with_vignetting(self.vignetting)
         with self._timer.stage("refine"):
             refined, tracked = refine(track.last_frame, tracked, self._map)
         with self._timer.stage("keyframe"):

@@ -8,7 +8,10 @@ image, bands of rows, columns) stand beside their arrays.
 """
 
 # IMAGE PYRAMID
-# Smaller images than this are omitted, except the largest one.
+# Images whose longer side is longer are halved before all else: there is nothing to gain from more
+# pixels than a few per point, and small windows of depth have few points of a surface.
+MAX_IMAGE_PX = 960
+# Smaller levels than this are omitted, except the largest one.
 MIN_IMAGE_PX = 12
 # Number of the finest levels on which moving regions are detected and a good motion is refined.
 NUM_FINE_LEVELS = 2
@@ -27,11 +30,12 @@ NOISE_GRID_PX = 16
 MAX_NOISE_STEP_PER_M = 0.03
 
 # KEYFRAME POINTS
-# One point per block of this size, by level: the pixel with the steepest brightness. Engel, Koltun
-# and Cremers, "Direct Sparse Odometry" (PAMI 40, 2018), Section 3.2, for one point per block.
-POINT_BLOCKS_PX = (5, 3, 3, 2)
+# The longer side of an image is divided into at most this many blocks, by level; of each, the pixel
+# with the steepest brightness is a point. Engel, Koltun and Cremers, "Direct Sparse Odometry" (PAMI
+# 40, 2018), Section 3.2, for one point per block. Blocks of 5, 3, 3 and 2 pixels of a Kinect.
+POINT_BLOCKS = (64, 54, 27, 20)
 # The same of the profile `small`, for a small board: half the points, and a level less.
-SMALL_POINT_BLOCKS_PX = (7, 4, 4)
+SMALL_POINT_BLOCKS = (46, 40, 20)
 # Smallest brightness gradient of a point with texture, gray levels per pixel: 3 sigma of the noise.
 MIN_TEXTURE_GRADIENT = 3.0
 # Interpolated brightness has the error of an image shifted by this many pixels.
@@ -189,8 +193,9 @@ KEYFRAME_DECAY = 0.8
 REINITIALIZATIONS = 2
 # Largest number of keyframes that are kept.
 MAX_KEYFRAMES = 30
-# The next keyframe is due when the flow against the last one is larger, px of the whole image,
-MAX_KEYFRAME_FLOW_PX = 70.0
+# The next keyframe is due when the flow against the last one is larger, as a share of the longer
+# side of the image: 70 pixels of a Kinect;
+MAX_KEYFRAME_FLOW = 7 / 64
 # or a smaller share of its points is in view.
 MIN_KEYFRAME_OVERLAP = 0.75
 # Number of other keyframes that the next one is aligned with.
@@ -253,6 +258,7 @@ SEARCH_STEPS_S = (0.015, 0.008)
 # Difference of the summed logarithms of the residuals' sigmas that halves a timing's weight thrice.
 SEARCH_SCORE_SCALE = 0.5
 # The best timing is used if its score, in that scale, is lower by this much than without a
-# correction; before the last frame of the search if it is lower by the second value.
+# correction; before the last frame of the search, and if most frames lack texture or shape, if it
+# is lower by the second value.
 MIN_SEARCH_SCORE_GAIN = 1.0
 SUFFICIENT_SEARCH_SCORE_GAIN = 4.0

@@ -89,8 +89,8 @@ def select_points(
         contiguous (Fortran order), so that the compiler vectorizes loops over points.
     """
     return tuple(
-        np.asfortranarray(_select_level(level_images, block, motion, is_static))
-        for level_images, block in zip(images.levels, images.point_blocks_px, strict=False)
+        np.asfortranarray(_select_level(level_images, block_px, motion, is_static))
+        for level_images, block_px in zip(images.levels, images.point_blocks_px, strict=False)
     )
 
 

@@ -173,22 +173,34 @@ class SelfCalibratingOdometry:
             return estimate
         last = self._tracker.last_frame
         is_tracked = last is not None and last.images.stamp_s == frame.stamp_s
-        self._search.add(last.images if last and is_tracked else build_image_pyramid(frame))
+        images = last.images if last and is_tracked else build_image_pyramid(frame)
+        self._search.add(images, lacks_data=estimate.ok and bool(estimate.reason))
         found = self._search.evaluate()
         if not found.is_last:
             return estimate
         if found.is_clear:
-            self._continue_from(found, self._search, told)
+            self._continue_from(found, self._search, told, estimate.ok)
             if estimate.ok:
                 estimate = _correct_pose(estimate, self._tracker.T_world_camera)
-        self._is_search_needed = not found.is_clear and not is_fast
+        self._is_search_needed = not (found.is_clear or (is_fast and found.has_data))
         self._search = None
         return estimate
 
     def _continue_from(
-        self, found: TimingSearchResult, search: TimingSearch, told: RgbdFrame
+        self,
+        found: TimingSearchResult,
+        search: TimingSearch,
+        told: RgbdFrame,
+        is_reference: bool,
     ) -> None:
-        """Go on with a timing that the search has found: its frames are tracked again with it."""
+        """Go on with a timing that the search has found: its frames are tracked again with it.
+
+        Args:
+            found: The timing.
+            search: With the frames.
+            told: The last frame as it came from the camera.
+            is_reference: Whether that frame is the reference of the next motion.
+        """
         first, best = search.keyframe, search.track_with(found.mean)
         self._filter = _make_filter(told, found.mean, found.sigmas_s)
         calibration, images = self._filter.in_use, first.images
@@ -199,7 +211,7 @@ class SelfCalibratingOdometry:
             constant_velocity_motion(best.velocity_of_first),
             ALL_STATIC,
         )
-        self._tracker.continue_from([keyframe], keyframe, best.motion_state)
+        self._tracker.continue_from([keyframe], keyframe, best.motion_state, is_reference)
         self._history.clear()
         for stamp_s, T_world_camera in best.poses:
             view = TrackedView(stamp_s, images.shutter, calibration, T_world_camera)
@@ -352,11 +364,15 @@ def _told_sigmas_s(frame: RgbdFrame) -> Array:
 
 
 def _correct_pose(estimate: Estimate, T_world_camera: Array) -> Estimate:
-    """Replace the pose of an estimate; the correction is added to its covariance."""
+    """Replace the pose of an estimate; the correction is added to its covariance.
+
+    The frame becomes the reference of the next motion, so that the covariance stays.
+    """
     correction = se3_log(np.ascontiguousarray(inverse(estimate.T_world_camera) @ T_world_camera))
     return replace(
         estimate.with_pose(T_world_camera),
         covariance=estimate.covariance + np.outer(correction, correction),
+        is_next_reference=True,
     )
 
 

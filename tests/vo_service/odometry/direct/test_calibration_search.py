@@ -12,7 +12,7 @@ from vo_service.odometry.direct.calibration_search import TimingSearch, TimingSe
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC, build_image_pyramid
 from vo_service.odometry.direct.keyframe import make_keyframe
 from vo_service.odometry.direct.motion import zero_motion
-from vo_service.odometry.direct.parameters import SEARCH_STEPS_S
+from vo_service.odometry.direct.parameters import SEARCH_STEPS_S, SUFFICIENT_SEARCH_SCORE_GAIN
 
 SIGMAS_S = np.array([0.03, 0.01])
 
@@ -51,6 +51,17 @@ def test_a_covered_camera_tells_no_timing_from_another() -> None:
     found = search_all(covered)
     assert not found.is_clear
     assert found.best.correction.tolist() == [0.0, 0.0]
+
+
+def test_views_that_lack_texture_tell_a_timing_only_if_it_fits_much_better() -> None:
+    frames = swinging_frames(READOUT_S, DELAY_S)[:4]
+    search = begin_search(frames[0])
+    for frame in frames[1:]:
+        search.add(build_image_pyramid(frame), lacks_data=True)
+    found = search.evaluate()
+    assert not found.has_data
+    assert not replace(found, score_gain=SUFFICIENT_SEARCH_SCORE_GAIN - 0.1).is_clear
+    assert replace(found, score_gain=SUFFICIENT_SEARCH_SCORE_GAIN + 0.1).is_clear
 
 
 def test_only_the_uncertain_value_is_searched_for() -> None:

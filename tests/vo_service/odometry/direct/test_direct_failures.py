@@ -128,7 +128,7 @@ def test_a_start_in_darkness_continues_in_light(views: list[RgbdFrame]) -> None:
 def test_a_first_keyframe_needs_more_points_than_a_frame(views: list[RgbdFrame]) -> None:
     """Depth in the center only: 157 points, where 100 are enough for a frame."""
     depth_raw = np.zeros_like(views[0].depth_raw)
-    middle = np.s_[SHAPE[0] // 2 - 65 : SHAPE[0] // 2 + 65, SHAPE[1] // 2 - 65 : SHAPE[1] // 2 + 65]
+    middle = np.s_[SHAPE[0] // 2 - 39 : SHAPE[0] // 2 + 39, SHAPE[1] // 2 - 39 : SHAPE[1] // 2 + 39]
     depth_raw[middle] = views[0].depth_raw[middle]
     estimate = DirectOdometry().estimate(replace(views[0], depth_raw=depth_raw))
     points = re.fullmatch(r"cannot start: only (\d+) points with depth", estimate.reason)

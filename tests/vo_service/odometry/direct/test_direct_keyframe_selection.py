@@ -91,14 +91,14 @@ def test_a_kept_keyframe_holds_no_inverse_depth() -> None:
 def test_an_unmoved_camera_sees_all_of_its_keyframe() -> None:
     seen_all = compute_overlap(AHEAD, np.eye(4))
     assert seen_all.share == 1.0
-    assert seen_all.flow_px == pytest.approx(0.0, abs=1e-9)
+    assert seen_all.flow == pytest.approx(0.0, abs=1e-9)
 
 
 def test_a_rotated_camera_sees_the_remaining_part() -> None:
     half = compute_overlap(AHEAD, inverse(turned(0.5)))
     assert half.share == pytest.approx(0.5, abs=0.12)
     small = compute_overlap(AHEAD, inverse(turned(0.02)))
-    assert small.flow_px == pytest.approx(0.02 * CAMERA.fx, rel=0.25)
+    assert small.flow == pytest.approx(0.02 * CAMERA.fx / CAMERA.width, rel=0.25)
     assert compute_overlap(AHEAD, inverse(turned(np.pi))).share == 0.0
 
 
@@ -130,12 +130,12 @@ def test_a_new_keyframe_is_needed_when_the_last_goes_out_of_view() -> None:
 
 @pytest.mark.parametrize(
     ("turn_rad", "after_s", "expected"),
-    [(0.17, 1 / 30, False), (0.17, 0.3, True), (0.14, 0.3, False)],
+    [(0.085, 1 / 30, False), (0.085, 0.3, True), (0.07, 0.3, False)],
 )
 def test_at_a_low_rate_a_new_keyframe_is_needed_sooner(
     turn_rad: float, after_s: float, expected: bool
 ) -> None:
-    """The flow is 53 of 70 pixels, or 44: the next frame may be far away."""
+    """The flow is 27 of 35 pixels, or 22: the next frame may be far away."""
     tracked = tracked_at(turn_rad)
     way = replace(tracked.motion_state, stamp_s=tracked.images.stamp_s - after_s)
     assert needs_keyframe(replace(tracked, motion_state=way)) is expected
@@ -150,8 +150,8 @@ def test_a_frame_far_from_all_keyframes_becomes_a_keyframe() -> None:
     np.testing.assert_array_equal(chosen.T_world_keyframe, tracked.result.T_world_camera)
 
 
-# The flow is 31 and 53 pixels; the next keyframe is due at a flow of 70.
-@pytest.mark.parametrize(("beside_rad", "is_near"), [(0.1, True), (0.17, False)])
+# The flow is 15 and 27 pixels; the next keyframe is due at a flow of 35.
+@pytest.mark.parametrize(("beside_rad", "is_near"), [(0.05, True), (0.085, False)])
 def test_a_near_older_keyframe_is_reused(beside_rad: float, is_near: bool) -> None:
     local_map, aside = LocalMap(), keyframe_at(0.35 - beside_rad, 7)
     local_map.reset(aside)

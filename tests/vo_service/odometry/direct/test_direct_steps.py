@@ -33,7 +33,7 @@ def test_a_good_frame_is_aligned_only_with_the_keyframe() -> None:
 
 
 def test_after_a_gap_features_are_also_matched() -> None:
-    *before, frame = views(0.0, 1 / 30, 1 / 30 + 0.2)
+    *before, frame = views(0.0, 1 / 30, 1 / 30 + 0.1)
     assert stages_of(frame, *before) == ["images", "align", "recovery", "covariance"]
 
 

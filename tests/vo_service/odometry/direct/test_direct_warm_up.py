@@ -52,7 +52,7 @@ def all_that_may_happen() -> list[RgbdFrame]:
     shared.color_bgr.flags.writeable = False
     aside = [
         MovingCamera(np.array([0.0, 0.0, 0.0, 0.0, angle_rad, 0.0]))
-        for angle_rad in (0.2, 0.4, 0.5, 0.0)
+        for angle_rad in (0.2, 0.35, 0.5, 0.0)
     ]
     return [
         *render_sequence(BRISK, 3, readout_s=0.02, skew_s=0.01),

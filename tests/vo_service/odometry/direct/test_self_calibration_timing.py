@@ -86,6 +86,16 @@ def test_the_correction_of_that_pose_is_in_its_covariance() -> None:
     assert np.linalg.eigvalsh(added).min() > -1e-9
 
 
+def test_a_start_without_texture_is_followed_by_a_search_with_it() -> None:
+    frames = swinging_frames(READOUT_S, DELAY_S)
+    found = [
+        estimate.timing is not None and estimate.timing.readout_s > 0.5 * READOUT_S
+        for estimate in learn((*map(remove_color, frames[:24]), *frames[24:40]))
+    ]
+    assert not any(found[:24])
+    assert found[-1]
+
+
 def test_another_sensor_starts_with_its_own_prior() -> None:
     frames = swinging_frames(READOUT_S, DELAY_S)
     other = replace(frames[-1], stamp_s=frames[-1].stamp_s + 1 / 30, serial="B2")
@@ -165,7 +175,11 @@ def test_exact_timing_is_not_estimated() -> None:
 
 
 def test_fixed_timing_is_that_of_the_frames() -> None:
-    assert isinstance(make_odometry("direct", timing="fixed"), DirectOdometry)
+    odometry, plain = make_odometry("direct", timing="fixed"), DirectOdometry()
+    for frame in swinging_frames(READOUT_S, DELAY_S)[:8]:
+        estimate = odometry.estimate(replace(frame, timing_prior=UNKNOWN))
+        assert estimate.timing is None
+        assert (estimate.T_world_camera == plain.estimate(frame).T_world_camera).all()
 
 
 def learn_from_a_wrong_value() -> tuple[

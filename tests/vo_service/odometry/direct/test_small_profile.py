@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from drivers.camera import RgbdFrame
+from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import rigid_transform, so3_exp
 from tests.vo_service.odometry.direct.rolling_shutter_views import (
     BRISK,
@@ -15,7 +15,7 @@ from tests.vo_service.odometry.direct.rolling_shutter_views import (
 )
 from tests.vo_service.odometry.hand_held_sequence import assert_close, estimate_all
 from vo_service.odometry.direct.odometry import DirectOdometry
-from vo_service.odometry.direct.parameters import SMALL_POINT_BLOCKS_PX
+from vo_service.odometry.direct.parameters import POINT_BLOCKS, SMALL_POINT_BLOCKS
 from vo_service.odometry.features.extractor import Features, SurfExtractor
 from vo_service.odometry.registry import make_odometry
 
@@ -41,12 +41,13 @@ def points_of(odometry: DirectOdometry) -> list[int]:
     return [len(level) for level in odometry.active_keyframe.points]
 
 
-def test_the_profile_has_half_the_points_on_three_levels(views: list[RgbdFrame]) -> None:
+def test_the_profile_has_half_the_points_on_three_levels() -> None:
+    kinect = PinholeCamera(640, 480, 580.0, 580.0, 319.5, 239.5)
+    frame = render_view(camera=kinect)
     counts = {}
-    for profile in ("default", "small"):
-        odometry = make_odometry(profile=profile, timing="fixed")
-        assert isinstance(odometry, DirectOdometry)
-        odometry.estimate(views[0])
+    for profile, blocks in (("default", POINT_BLOCKS), ("small", SMALL_POINT_BLOCKS)):
+        odometry = DirectOdometry(point_blocks=blocks)
+        odometry.estimate(frame)
         counts[profile] = points_of(odometry)
     assert len(counts["default"]) == 4
     assert len(counts["small"]) == 3
@@ -68,7 +69,7 @@ def looking(angle_rad: float, k: int) -> RgbdFrame:
 
 def test_features_are_extracted_for_the_recovery_only() -> None:
     extractor = CountingExtractor()
-    odometry = DirectOdometry(extractor, point_blocks_px=SMALL_POINT_BLOCKS_PX)
+    odometry = DirectOdometry(extractor, point_blocks=SMALL_POINT_BLOCKS)
     estimates = estimate_all(odometry, [looking(0.06 * k, k) for k in range(9)])
     assert all(estimate.ok for estimate in estimates)
     assert len(odometry.keyframes) >= 3

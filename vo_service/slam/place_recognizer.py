@@ -12,7 +12,6 @@ import numpy as np
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, poses_close
 from vo_service.odometry.direct.aligner import MovingView
-from vo_service.odometry.direct.image_pyramid import build_image_pyramid
 from vo_service.odometry.features.extractor import SurfExtractor
 from vo_service.odometry.features.match_verifier import GUESS_VERIFIER
 from vo_service.odometry.features.matching import match_features
@@ -86,7 +85,7 @@ class PlaceRecognizer:
         """Make a query of a frame; the velocity and its sigma are as in `MovingView`."""
         features = extract_depth_features(frame, self._extractor, velocity, MAX_STORED_FEATURES)
         vlad_descriptor = self._vocabulary.describe(features.descriptor_int8)
-        view = MovingView(build_image_pyramid(frame), velocity, velocity_sigma)
+        view = MovingView.of(frame, velocity, velocity_sigma)
         return QueryFrame(features, vlad_descriptor, view)
 
     def create_keyframe(

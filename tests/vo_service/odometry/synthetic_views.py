@@ -1,5 +1,6 @@
 """Rendered images and frames with ground truth."""
 
+from dataclasses import replace
 from functools import cache
 
 import cv2
@@ -98,3 +99,12 @@ def render_corner(T_world_camera: Array, seq: int = 0, camera: PinholeCamera = C
 @cache
 def _plane(seed: int) -> NDArray[np.uint8]:
     return make_textured_image(1024, 1024, seed)
+
+
+def add_depth_noise(frame: RgbdFrame, sigma_per_m: float, blur_px: float, seed: int) -> RgbdFrame:
+    """The frame with noise of inverse depth; blurred, neighbors share errors. 0 px: not blurred."""
+    noise = np.random.default_rng(seed).standard_normal(frame.depth_raw.shape)
+    if blur_px:
+        noise = np.asarray(cv2.GaussianBlur(noise, (0, 0), blur_px), np.float64)
+    inverse_depth = 1.0 / frame.depth_m + sigma_per_m / noise.std() * noise
+    return replace(frame, depth_raw=np.rint(frame.depth_factor / inverse_depth).astype(np.uint16))

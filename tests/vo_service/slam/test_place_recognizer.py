@@ -8,7 +8,12 @@ from drivers.core.geometry import inverse
 from tests.vo_service.odometry.direct import rolling_shutter_views
 from tests.vo_service.odometry.direct.rolling_shutter_views import BRISK
 from tests.vo_service.odometry.hand_held_sequence import BLACK, assert_close
-from tests.vo_service.odometry.synthetic_views import make_frame, make_textured_image, render_corner
+from tests.vo_service.odometry.synthetic_views import (
+    add_depth_noise,
+    make_frame,
+    make_textured_image,
+    render_corner,
+)
 from tests.vo_service.slam.corner_keyframes import (
     BESIDE,
     ELSEWHERE,
@@ -49,6 +54,17 @@ def test_a_keyframe_is_recognized_after_a_loss(
     found = recognizer.recognize(view, [here])
     assert found is not None
     assert_close(found.T_keyframe_camera, BESIDE, meters=3e-3, degrees=0.1)
+
+
+def test_a_keyframe_of_a_noisy_sensor_is_recognized(recognizer: PlaceRecognizer) -> None:
+    """Stereo: neighbors share errors, three times those of a Kinect."""
+    here, beside = (
+        recognizer.create_query(add_depth_noise(render_corner(T), 6e-3, 2.5, k), ZERO_VELOCITY)
+        for k, T in enumerate((HERE, BESIDE))
+    )
+    found = recognizer.recognize(beside, [recognizer.create_keyframe(here, 0, 0, HERE)])
+    assert found is not None
+    assert_close(found.T_keyframe_camera, BESIDE, meters=0.02, degrees=0.5)
 
 
 def test_of_several_keyframes_the_one_in_view_is_recognized(

@@ -4,18 +4,21 @@ Unlike in the odometry there is no prediction, so an alignment has to be better 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse
 from vo_service.odometry.direct.alignment import align, uniform_weights
 from vo_service.odometry.direct.covariance import estimate_uncertainty
+from vo_service.odometry.direct.depth_noise import DepthNoise
 from vo_service.odometry.direct.gauss_newton import MotionPrior, velocity_information
 from vo_service.odometry.direct.image_pyramid import (
     ALL_STATIC,
     HasMeanBrightness,
     ImagePyramid,
+    build_image_pyramid,
 )
 from vo_service.odometry.direct.motion import change_frame, constant_velocity_motion
 from vo_service.odometry.direct.parameters import VELOCITY_SIGMA
@@ -54,6 +57,15 @@ class MovingView:
     images: ImagePyramid
     velocity: Array
     velocity_sigma: tuple[float, float]
+
+    @classmethod
+    def of(
+        cls, frame: RgbdFrame, velocity: Array, velocity_sigma: tuple[float, float]
+    ) -> "MovingView":
+        """Make the view of a frame, with the noise of its depth; see the attributes."""
+        images = build_image_pyramid(frame)
+        depth_noise = DepthNoise().update(images).value_per_m
+        return cls(replace(images, depth_noise=depth_noise), velocity, velocity_sigma)
 
     def select_points(self) -> tuple[Array, ...]:
         """(N, COLUMNS) points of each level, for a keyframe, see `points`."""

@@ -203,6 +203,12 @@ class DirectOdometry:
                 result, match = self._recovery.recover(
                     frame, images, result, motion_state, self._map
                 )
+            # Depth that does not fit a motion that features confirm is noisier than it seemed.
+            if match is not None and match.agrees(result):
+                noise = self._depth_noise.raised_for(result.alignment)
+                if noise is not self._depth_noise:
+                    self._depth_noise = noise
+                    return self.estimate(frame)
         result = self._reinitialize_first_keyframe(images, result, track)
         # Quality: a motion that may be wrong is rejected.
         if reason := rejection_reason_after(

@@ -99,7 +99,7 @@ def rejection_reason(alignment: DirectAlignment) -> str:
         return "the brightness changed too much against the keyframe"
     if reason := _inconsistency_reason(counts):
         return reason
-    brightness, depth = _relative_sigmas(alignment)
+    brightness, depth = relative_sigmas(alignment)
     if depth > 1.0:
         return "the depth does not fit the keyframe"
     if alignment.uses_brightness and brightness > 1.0:
@@ -107,7 +107,7 @@ def rejection_reason(alignment: DirectAlignment) -> str:
     return ""
 
 
-def _relative_sigmas(alignment: DirectAlignment) -> tuple[float, float]:
+def relative_sigmas(alignment: DirectAlignment) -> tuple[float, float]:
     """Sigmas of brightness and of depth, relative to the largest valid ones."""
     model = alignment.residual_model.tolist()
     max_brightness = max(
@@ -119,7 +119,7 @@ def _relative_sigmas(alignment: DirectAlignment) -> tuple[float, float]:
 
 def is_suspect(alignment: DirectAlignment) -> bool:
     """Whether a valid fit is so bad that it may be that of another place."""
-    brightness, depth = _relative_sigmas(alignment)
+    brightness, depth = relative_sigmas(alignment)
     return max(depth, brightness if alignment.uses_brightness else 0.0) > SUSPECT_SIGMA_SHARE
 
 

@@ -1,8 +1,9 @@
-"""Accuracy on changed recordings: tiny changes, a wrong calibration, and corrupted frames.
+"""Accuracy on changed recordings: tiny changes, a wrong calibration, faults, and other sensors.
 
     python -m benchmarks changed_recordings tiny KEPT FOLDER... [--count 20]
     python -m benchmarks changed_recordings calibration FOLDER... [--method direct]
     python -m benchmarks changed_recordings corrupted FOLDER...
+    python -m benchmarks changed_recordings sensors FOLDER...
 
 Each FOLDER is a TUM folder with ground truth. ATE RMSE, mean global error and RPE over a second are
 in millimeters.
@@ -11,6 +12,7 @@ in millimeters.
 import argparse
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -35,11 +37,13 @@ from benchmarks.tracking import (
     track_changed,
     track_with,
 )
-from drivers.camera import RgbdFrame
+from benchmarks.virtual_sensors import correlated_noise
+from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import Array, so3_exp
 from drivers.faulty_camera import Fault, FaultKind
 from drivers.tum.folder import open_tum_folder
 from vo_service.odom_frame import OdomFrame
+from vo_service.odometry.direct.image_halving import halve
 from vo_service.odometry.features.parameters import SurfParameters
 from vo_service.odometry.features.views import FeatureView
 from vo_service.odometry.stage_timers import CpuStageTimer
@@ -59,6 +63,11 @@ TINY_TABLE, COUNT_TABLE = (
     for form in (".2mm", "g")
 )
 CALIBRATION_TABLE = Table(28, "ATE:10.2mm", "global:10.2mm", "RPE/1s:10.2mm", "failed:10d")
+SENSOR_METHODS = ("direct", "surf")
+SENSOR_TABLE = Table(
+    28,
+    *(column for each in SENSOR_METHODS for column in (f"lost {each}:12d", f"ATE {each}:12.1mm")),
+)
 BLUR_SAMPLES = 9  # views within the exposure that are averaged for motion blur
 
 
@@ -322,8 +331,69 @@ def _track_corrupted(
     return each.frames, each.failed, each.resets, each.ate_m, float(tracked.cpu_ms.max())
 
 
+@FOLDERS
+def measure_other_sensors(args: argparse.Namespace) -> None:
+    """Tracking of recordings as other sensors would have them, by `direct` and by `surf`.
+
+    Images have other sizes; or inverse depth has more noise, which neighbors share as with stereo.
+    "lost" are the frames without a pose.
+    """
+    for method in SENSOR_METHODS:
+        warm_up(method, lambda stage: None)
+    for folder in args.folder:
+        print(f"{folder}\n{SENSOR_TABLE.head}")
+        for name, change in make_other_sensors().items():
+            runs = [track_changed(method, folder, change)[1] for method in SENSOR_METHODS]
+            figures = [figure for run in runs for figure in (run.failed, run.ate_m)]
+            print(SENSOR_TABLE.row(name, *figures), flush=True)
+
+
+def make_other_sensors() -> Mapping[str, FrameChange]:
+    """Changes of frames by name."""
+    return {
+        UNCHANGED: lambda frame: frame,
+        "a quarter of the size": lambda frame: halve(halve(frame)),
+        "half the size": halve,
+        "twice the size": _double,
+        **{
+            f"noise {sigma_per_m} 1/m, {blur_px} px": partial(_add_noise, sigma_per_m, blur_px)
+            for sigma_per_m in (0.006, 0.01)
+            for blur_px in (3, 6, 12)
+        },
+    }
+
+
+def _double(frame: RgbdFrame) -> RgbdFrame:
+    """Double the size; pixel (u, v) becomes (2 u, 2 v)."""
+    camera = frame.camera
+    color = cv2.resize(frame.color_bgr, None, fx=2.0, fy=2.0, interpolation=cv2.INTER_CUBIC)
+    return replace(
+        frame,
+        color_bgr=np.asarray(color, np.uint8),
+        depth_raw=frame.depth_raw.repeat(2, axis=0).repeat(2, axis=1),
+        camera=PinholeCamera(
+            2 * camera.width,
+            2 * camera.height,
+            2 * camera.fx,
+            2 * camera.fy,
+            2 * camera.cx + 0.5,
+            2 * camera.cy + 0.5,
+        ),
+    )
+
+
+def _add_noise(sigma_per_m: float, blur_px: float, frame: RgbdFrame) -> RgbdFrame:
+    """Add noise of inverse depth that is correlated over `blur_px` pixels."""
+    rng = np.random.default_rng([7, frame.seq])
+    noise = sigma_per_m * correlated_noise(frame.depth_raw.shape, blur_px, rng)
+    depth_m = 1.0 / np.maximum(1.0 / np.maximum(frame.depth_m, 0.1) + noise, 0.05)
+    raw = np.where(frame.depth_raw > 0, np.rint(frame.depth_factor * depth_m), 0)
+    return replace(frame, depth_raw=np.minimum(raw, 65534).astype(np.uint16))
+
+
 VARIANTS: Variants = {
     "tiny": measure_tiny_changes,
     "calibration": measure_wrong_calibration,
     "corrupted": measure_corrupted,
+    "sensors": measure_other_sensors,
 }

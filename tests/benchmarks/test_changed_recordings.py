@@ -15,6 +15,7 @@ from benchmarks.changed_recordings import (
     Corruption,
     SwingMotion,
     format_spread,
+    make_other_sensors,
     make_perturbation,
     rotate,
 )
@@ -148,3 +149,23 @@ def test_an_open_shutter_blurs_a_swing(still: list[RgbdFrame]) -> None:
 def test_every_corruption_leaves_most_of_half_a_minute_intact() -> None:
     for damage in CORRUPTIONS.values():
         assert damage.frames * damage.pieces <= 120
+
+
+@pytest.mark.parametrize(("name", "factor"), [("half the size", 0.5), ("twice the size", 2.0)])
+def test_another_size_has_the_same_rays(name: str, factor: float) -> None:
+    frame = render_corner(np.eye(4))
+    other = make_other_sensors()[name](frame)
+    assert other.depth_raw.shape == other.color_bgr.shape[:2]
+    assert other.camera.width == factor * frame.camera.width
+    step = max(1, round(1 / factor))
+    ray = (np.arange(0, frame.camera.width, step) - frame.camera.cx) / frame.camera.fx
+    u = factor * np.arange(0, frame.camera.width, step) + (0.5 if factor > 1 else 0.0)
+    np.testing.assert_allclose((u - other.camera.cx) / other.camera.fx, ray, atol=1e-9)
+
+
+def test_the_noise_of_another_sensor_has_the_size_of_its_name() -> None:
+    frame = render_corner(np.eye(4))
+    other = make_other_sensors()["noise 0.006 1/m, 6 px"](frame)
+    noise = 1.0 / other.depth_m - 1.0 / frame.depth_m
+    assert noise.std() == pytest.approx(0.006, rel=0.05)
+    assert np.corrcoef(noise[:, :-3].ravel(), noise[:, 3:].ravel())[0, 1] > 0.8

@@ -232,17 +232,18 @@ def cast_rays(
     height, width = rays.shape[0], rays.shape[1]
     depth_m = np.empty((height, width), dtype=np.float32)
     solid = np.empty((height, width), dtype=np.int32)
-    best, nearest = np.empty(TILE), np.empty(TILE, dtype=np.int64)
+    all_best, all_nearest = np.empty(TILE), np.empty(TILE, dtype=np.int64)
     for v in range(height):
         for j in range(candidates.shape[1]):
             first = j * TILE
             count = min(TILE, width - first)
+            best, nearest = all_best[:count], all_nearest[:count]
             best[:], nearest[:] = FAR_M, -1
             for n in range(candidates.shape[2]):
                 s = candidates[v // TILE, j, n]
-                if s < 0 or near_m[s] >= best[:count].max():
+                if s < 0 or near_m[s] >= best.max():
                     break
-                _cast_at_solid(rays, v, first, count, s, kind[s], frames, best, nearest)
+                _cast_at_solid(rays, v, first, s, kind[s], frames, best, nearest)
             for k in range(count):
                 depth_m[v, first + k], solid[v, first + k] = best[k], nearest[k]
     return depth_m, solid
@@ -253,7 +254,6 @@ def _cast_at_solid(
     rays: Array,
     v: int,
     first: int,
-    count: int,
     s: int,
     kind: int,
     frames: Array,
@@ -265,19 +265,18 @@ def _cast_at_solid(
     Args:
         rays: (H, W, 2), see `cast_rays`.
         first: Column of the first ray.
-        count: Number of rays.
         kind: Kind of the solid.
         frames: (H, S, 3, 4), see `cast_rays`.
-        best: (TILE,) depth of what each ray hits first, m; in and out.
-        nearest: (TILE,) index of that solid; in and out.
+        best: (N,) depth of what each ray hits first, m; in and out.
+        nearest: (N,) index of that solid; in and out.
     """
     if kind > ROOM:
-        for k in range(count):
+        for k in range(len(best)):
             t = _intersect(rays[v, first + k, 0], rays[v, first + k, 1], v, s, kind, frames)
             if t < best[k]:
                 best[k], nearest[k] = t, s
         return
-    for k in range(count):
+    for k in range(len(best)):
         ox, oy, oz, dx, dy, dz = in_unit_cube(
             rays[v, first + k, 0], rays[v, first + k, 1], v, s, frames
         )

@@ -100,6 +100,10 @@ def _run(arguments: Sequence[str], on_start: Callable[[], None]) -> None:
         executor.spin()
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
+    except Exception as error:
+        # A signal that comes just before the executor waits makes the wait fail.
+        if rclpy.ok() or not type(error).__module__.startswith("rclpy"):
+            raise
     finally:
         node.close()
         rclpy.try_shutdown()

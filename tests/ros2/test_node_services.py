@@ -1,5 +1,6 @@
 """Services, parameters and diagnostics of the node, used by a real rclpy in another process."""
 
+import subprocess
 from dataclasses import replace
 from typing import Any
 
@@ -10,7 +11,7 @@ from rosbags.typesys import Stores, get_typestore
 from drivers.camera import Led
 from drivers.ros_messages.cdr import CdrWriter
 from tests.ros2.kinect_vo_service import KinectVo, running_kinect_vo
-from tests.ros2.running_node import Ros
+from tests.ros2.running_node import ROOT, Ros
 from tests.waiting import wait_until
 from vo_service.types.commands import (
     LedCommand,
@@ -117,6 +118,23 @@ def test_the_node_ends_with_code_0(port: int, service: KinectVo, ros: Ros, name:
         node.stop(name)
         assert node.process.wait(20) == 0
     assert not any("Traceback" in line for line in node.lines)
+
+
+SIGNAL_BEFORE_THE_WAIT = """
+import rclpy
+from rclpy.executors import MultiThreadedExecutor
+
+from kinect_vo_ros2.__main__ import main
+
+MultiThreadedExecutor.spin = lambda self: (rclpy.shutdown(), self.spin_once())
+main([])
+"""
+
+
+def test_a_signal_just_before_the_executor_waits_is_no_error(ros: Ros) -> None:
+    environment = {**ros.environment, "PYTHONPATH": str(ROOT / "ros2")}
+    command = [str(ros.python), "-c", SIGNAL_BEFORE_THE_WAIT]
+    subprocess.run(command, env=environment, check=True, timeout=60)
 
 
 @pytest.mark.parametrize(

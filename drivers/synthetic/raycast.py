@@ -260,7 +260,7 @@ def _cast_at_solid(
     best: Array,
     nearest: NDArray[np.int64],
 ) -> None:
-    """Cast neighboring rays of row v at solid s, in a loop that the compiler vectorizes.
+    """Cast neighboring rays of row v at solid s.
 
     Args:
         rays: (H, W, 2), see `cast_rays`.
@@ -276,6 +276,7 @@ def _cast_at_solid(
             if t < best[k]:
                 best[k], nearest[k] = t, s
         return
+    # Most solids are boxes: without branches, the compiler vectorizes this loop.
     for k in range(len(best)):
         ox, oy, oz, dx, dy, dz = in_unit_cube(
             rays[v, first + k, 0], rays[v, first + k, 1], v, s, frames

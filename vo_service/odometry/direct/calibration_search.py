@@ -109,8 +109,8 @@ class TimingSearchResult:
         score_gain: By how much the best hypothesis fits better than no correction.
         best: That hypothesis.
         count: Number of frames that were compared.
-        has_data: Whether most of them have texture and shape, and constrain the motion: others
-            tell no timing.
+        is_degraded: Whether most of them are: without texture or shape, or in a degenerate view,
+            frames hardly tell timings apart.
     """
 
     mean: Array
@@ -118,12 +118,14 @@ class TimingSearchResult:
     score_gain: float
     best: TimingHypothesis
     count: int
-    has_data: bool
+    is_degraded: bool
 
     @property
     def is_clear(self) -> bool:
         """Whether no correction is clearly wrong; else frames hardly tell timings apart."""
-        return self.is_sufficient or (self.has_data and self.score_gain > MIN_SEARCH_SCORE_GAIN)
+        return self.is_sufficient or (
+            not self.is_degraded and self.score_gain > MIN_SEARCH_SCORE_GAIN
+        )
 
     @property
     def is_last(self) -> bool:
@@ -156,7 +158,7 @@ class TimingSearch:
     def __init__(self, sigmas_s: Array, keyframe: DirectKeyframe) -> None:
         self._sigmas_s, self.keyframe = sigmas_s, keyframe
         self._frames: list[ImagePyramid] = []
-        self._num_lacking = 0
+        self._num_degraded = 0
         # Of a camera at rest it is the same for each timing.
         self._sparse = make_keyframe(
             keyframe.frame,
@@ -170,15 +172,15 @@ class TimingSearch:
             for correction in _make_corrections(keyframe.images.shutter.readout_s, sigmas_s)
         ]
 
-    def add(self, images: ImagePyramid, lacks_data: bool = False) -> None:
+    def add(self, images: ImagePyramid, is_degraded: bool = False) -> None:
         """Track a frame with each timing.
 
         Args:
             images: The frame.
-            lacks_data: Whether it has no texture or shape, or does not constrain the motion.
+            is_degraded: Whether its estimate is.
         """
         self._frames.append(images)
-        self._num_lacking += lacks_data
+        self._num_degraded += is_degraded
         for hypothesis in self.hypotheses:
             hypothesis.track(images)
 
@@ -200,14 +202,13 @@ class TimingSearch:
         mean = weights @ corrections
         # The timing may be between those that were tried.
         variance = weights @ np.square(corrections - mean) + np.square(SEARCH_STEPS_S) / 4.0
-        has_data = 2 * self._num_lacking < len(self._frames)
         return TimingSearchResult(
             mean,
             np.minimum(np.sqrt(variance), self._sigmas_s),
             float(scores[0] - scores.min()),
             self.hypotheses[int(np.argmin(scores))],
             len(self._frames),
-            has_data,
+            2 * self._num_degraded >= len(self._frames),
         )
 
 

@@ -187,8 +187,8 @@ class DirectOdometry:
             )
         # Between frames that are close, only what moves or occludes hinders the alignment; most
         # features may be on it.
-        is_after_large_step = images.stamp_s - self._stamp_s > MAX_PREDICTION_S
-        self._stamp_s = images.stamp_s
+        last_stamp_s, self._stamp_s = self._stamp_s, images.stamp_s
+        is_after_large_step = images.stamp_s - last_stamp_s > MAX_PREDICTION_S
         if self._track is None:
             return self._start(frame, images, is_reset=False)
         track = self._track.with_pose_prior(frame.pose_prior)
@@ -207,7 +207,7 @@ class DirectOdometry:
             if match is not None and match.agrees(result):
                 noise = self._depth_noise.raised_for(result.alignment)
                 if noise is not self._depth_noise:
-                    self._depth_noise = noise
+                    self._depth_noise, self._stamp_s = noise, last_stamp_s
                     return self.estimate(frame)
         result = self._reinitialize_first_keyframe(images, result, track)
         # Quality: a motion that may be wrong is rejected.

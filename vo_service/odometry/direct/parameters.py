@@ -8,8 +8,8 @@ image, bands of rows, columns) stand beside their arrays.
 """
 
 # IMAGE PYRAMID
-# Images whose longer side is longer are halved before all else: there is nothing to gain from more
-# pixels than a few per point, and small windows of depth have few points of a surface.
+# Images with a longer side than this are halved before all else. A plane is fitted to a window of
+# pixels, small in a large image: room_rolling at 1280x960 is off by 464 mm, halved by 5 mm.
 MAX_IMAGE_PX = 960
 # Smaller levels than this are omitted, except the largest one.
 MIN_IMAGE_PX = 12
@@ -258,7 +258,7 @@ SEARCH_STEPS_S = (0.015, 0.008)
 # Difference of the summed logarithms of the residuals' sigmas that halves a timing's weight thrice.
 SEARCH_SCORE_SCALE = 0.5
 # The best timing is used if its score, in that scale, is lower by this much than without a
-# correction; before the last frame of the search, and if most frames lack texture or shape, if it
-# is lower by the second value.
+# correction; before the last frame of the search, and if most frames are degraded, if it is lower
+# by the second value.
 MIN_SEARCH_SCORE_GAIN = 1.0
 SUFFICIENT_SEARCH_SCORE_GAIN = 4.0

@@ -174,7 +174,7 @@ class SelfCalibratingOdometry:
         last = self._tracker.last_frame
         is_tracked = last is not None and last.images.stamp_s == frame.stamp_s
         images = last.images if last and is_tracked else build_image_pyramid(frame)
-        self._search.add(images, lacks_data=estimate.ok and bool(estimate.reason))
+        self._search.add(images, is_degraded=estimate.ok and bool(estimate.reason))
         found = self._search.evaluate()
         if not found.is_last:
             return estimate
@@ -182,7 +182,7 @@ class SelfCalibratingOdometry:
             self._continue_from(found, self._search, told, estimate.ok)
             if estimate.ok:
                 estimate = _correct_pose(estimate, self._tracker.T_world_camera)
-        self._is_search_needed = not (found.is_clear or (is_fast and found.has_data))
+        self._is_search_needed = not (found.is_clear or (is_fast and not found.is_degraded))
         self._search = None
         return estimate
 

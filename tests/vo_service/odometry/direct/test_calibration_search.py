@@ -53,13 +53,13 @@ def test_a_covered_camera_tells_no_timing_from_another() -> None:
     assert found.best.correction.tolist() == [0.0, 0.0]
 
 
-def test_views_that_lack_texture_tell_a_timing_only_if_it_fits_much_better() -> None:
+def test_degraded_views_tell_a_timing_only_if_it_fits_much_better() -> None:
     frames = swinging_frames(READOUT_S, DELAY_S)[:4]
     search = begin_search(frames[0])
     for frame in frames[1:]:
-        search.add(build_image_pyramid(frame), lacks_data=True)
+        search.add(build_image_pyramid(frame), is_degraded=True)
     found = search.evaluate()
-    assert not found.has_data
+    assert found.is_degraded
     assert not replace(found, score_gain=SUFFICIENT_SEARCH_SCORE_GAIN - 0.1).is_clear
     assert replace(found, score_gain=SUFFICIENT_SEARCH_SCORE_GAIN + 0.1).is_clear
 

@@ -23,6 +23,7 @@ from tests.vo_service.slam.corner_keyframes import (
     make_query,
 )
 from vo_service.odometry.direct import aligner
+from vo_service.odometry.direct.parameters import DEPTH_NOISE_PER_M
 from vo_service.slam.keyframe_database import LOST_VELOCITY_SIGMA, MapKeyframe
 from vo_service.slam.place_recognizer import MatchCandidate, PlaceRecognizer
 
@@ -62,6 +63,7 @@ def test_a_keyframe_of_a_noisy_sensor_is_recognized(recognizer: PlaceRecognizer)
         recognizer.create_query(add_depth_noise(render_corner(T), 6e-3, 2.5, k), ZERO_VELOCITY)
         for k, T in enumerate((HERE, BESIDE))
     )
+    assert here.view.images.depth_noise > 2.0 * DEPTH_NOISE_PER_M
     found = recognizer.recognize(beside, [recognizer.create_keyframe(here, 0, 0, HERE)])
     assert found is not None
     assert_close(found.T_keyframe_camera, BESIDE, meters=0.02, degrees=0.5)

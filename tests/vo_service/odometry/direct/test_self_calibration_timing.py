@@ -80,6 +80,7 @@ def test_the_correction_of_that_pose_is_in_its_covariance() -> None:
         uncorrected = plain.estimate(frame)
         if not np.array_equal(estimate.T_world_camera, uncorrected.T_world_camera):
             break
+    assert estimate.is_next_reference
     step = se3_log(inverse(uncorrected.T_world_camera) @ estimate.T_world_camera)
     added = estimate.covariance - uncorrected.covariance - np.outer(step, step)
     assert np.linalg.norm(step[:3]) > 0.003

@@ -17,7 +17,7 @@ from vo_service.cli.command_line import COMMANDS, make_parser
 from vo_service.config import read_config
 
 REASONS = {
-    "20 seconds of rendering",
+    "half a minute of rendering",
     "a minute",
     "installs packages",
     "minutes",

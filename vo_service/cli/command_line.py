@@ -21,7 +21,7 @@ from vo_service.terminal import clear_line, log_to_stderr, one_line
 # Each command by who needs it, and what it does. Its module is imported only when it is used.
 COMMAND_GROUPS = {
     "first steps": {
-        "demo": "run the odometry on the virtual Kinect for 20 seconds and show the results",
+        "demo": "run the odometry on the virtual Kinect for 10 seconds and show the results",
         "doctor": "check the sensor and this computer, and print how to fix each fault",
         "devices": "list the connected sensors, with the --camera value of each",
     },

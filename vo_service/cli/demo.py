@@ -54,7 +54,7 @@ class DemoRequest(CommandRequest):
     method: Method = None
     timing: Timing = None
     seconds: float = option(
-        "length of the sequence (default: %(default)s)", 20.0, parse=parse_seconds
+        "length of the sequence (default: %(default)s)", 10.0, parse=parse_seconds
     )
     output: Path = option(
         "folder for the results (default: %(default)s)", Path("output/demo"), "FOLDER"

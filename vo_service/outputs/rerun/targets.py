@@ -95,7 +95,7 @@ def _check_port_free(port: int) -> None:
 
 
 # Measured: memory of Python, OpenCV and Rerun without history; Rerun then takes twice its limit.
-_BASE_PROCESS_MB = 220
+_BASE_PROCESS_MB = 250
 _PROCESS_MB_PER_HISTORY_MB = 2
 _MIN_HISTORY_MB = 20
 

@@ -47,10 +47,12 @@ def show(sample: zenoh.Sample) -> None:
 
 try:
     with zenoh.open(zenoh.Config.from_json5(json.dumps(settings))) as session:
-        for reply in session.get("kinect/status", timeout=5.0):
-            if reply.ok:
-                print("status:", json.loads(reply.ok.payload.to_bytes())["state"], flush=True)
-        for reply in session.get("kinect/latest", timeout=5.0):
+        states = [reply.ok for reply in session.get("kinect/status", timeout=2.0) if reply.ok]
+        for state in states:
+            print("status:", json.loads(state.payload.to_bytes())["state"], flush=True)
+        if not states:
+            print(f"no service at {endpoint}; waiting for one", file=sys.stderr)
+        for reply in session.get("kinect/latest", timeout=2.0):
             if reply.err:
                 print("latest:", json.loads(reply.err.payload.to_bytes())["message"], flush=True)
         subscriber = session.declare_subscriber("kinect/odom")

@@ -338,6 +338,13 @@ def test_plain_zenoh_reads_the_same(endpoint: str) -> None:
         lines.wait_for_line("'state': 'tracking'")
 
 
+@pytest.mark.zenoh
+def test_plain_zenoh_says_that_there_is_no_service() -> None:
+    endpoint = find_free_endpoint()
+    with program("plain_zenoh.py", endpoint) as lines:
+        lines.wait_for_line(f"^no service at {endpoint}; waiting for one$")
+
+
 def complaint_when_the_reader_leaves(name: str, argument: str) -> str:
     """What an example writes to stderr in `EXAMPLE ARGUMENT | head -1`."""
     command = [sys.executable, str(EXAMPLES / name), argument]

@@ -1,4 +1,4 @@
-"""Whether intrinsics and depth can be those of an RGB-D camera: units, readings, and their steps.
+"""Whether intrinsics, depth and stamps can be those of an RGB-D camera: units, readings, steps.
 
 It finds what is wrong by a factor: millimeters for meters or pixels, and marks for no reading. It
 cannot find a near-range or time-of-flight sensor in a wrong unit, whose depth is that of another
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera, RgbdFrame
+from drivers.core.geometry import Array
 
 _log = logging.getLogger(__name__)
 
@@ -148,6 +149,25 @@ def _find_range_fault(histogram: DepthHistogram, depth_factor: float) -> str:
         f"{fraction:.0%} of the depth is beyond {MAX_RANGE_M:g} m, most often the value "
         f"{np.argmax(far)}; store 0 where there is no reading, or give the unit as depth_factor "
         "in a camera file"
+    )
+
+
+# Of a recording, the median; hand-held cameras see another place after a second.
+MAX_FRAME_PERIOD_S = 5.0
+SMALL_UNITS = (("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9))
+
+
+def find_stamp_fault(stamps_s: Array) -> str:
+    """Return why the unit of a recording's (N,) stamps is implausible; "" if it is fine."""
+    period_s = float(np.median(np.diff(stamps_s))) if len(stamps_s) > 2 else 0.0
+    if period_s <= MAX_FRAME_PERIOD_S:
+        return ""
+    name, per_s = next(
+        (u for u in SMALL_UNITS if period_s / u[1] < MAX_FRAME_PERIOD_S), SMALL_UNITS[-1]
+    )
+    return (
+        f"the frames are {period_s:.0f} s apart; if the stamps are not in seconds but in {name}, "
+        f"divide them by {per_s:.0f}"
     )
 
 

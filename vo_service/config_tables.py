@@ -49,7 +49,9 @@ class RecorderConfig:
     seconds: Annotated[
         float, Field("length of an incident before its cause, s", minimum=0.5, maximum=600.0)
     ] = 3.0
-    max_mb: Annotated[int, Field("memory limit of the ring of frames", minimum=10)] = 200
+    max_mb: Annotated[
+        int, Field("memory limit of the ring of frames", minimum=10, maximum=1_000_000)
+    ] = 200
     folder: Annotated[Path | None, "folder of the incidents; unset = below the state folder"] = None
     total_mb: Annotated[
         int,

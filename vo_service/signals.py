@@ -9,6 +9,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from itertools import count
 from types import FrameType
 
 # A shell's exit code for a program ended by SIGINT: 128 + SIGINT.
@@ -109,11 +110,14 @@ def stop_on_signals() -> Iterator[StopSignal]:
 def raise_on_signals() -> Iterator[None]:
     """Raise `InterruptedBySignal` on SIGINT or SIGTERM while the block runs.
 
-    The exception may come at any line: the block must not leave a broken state.
+    The exception may come at any line: the block must not leave a broken state. It comes once:
+    another signal would interrupt the end of the block, and Zenoh's open session the process's end.
     """
+    signals = count()
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        raise InterruptedBySignal(128 + number)
+        if next(signals) == 0:
+            raise InterruptedBySignal(128 + number)
 
     with _handle(interrupt, signal.SIGINT, signal.SIGTERM):
         yield

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from drivers.core import InputError
 from drivers.layouts import open_folder
+from drivers.plausibility import find_stamp_fault
 from drivers.recording.bag_names import is_bag_file
 from drivers.recording.recording import ImageTopics, Recording
 from drivers.tum.odometry import read_odometry
@@ -55,13 +56,16 @@ def open_recording(
     if recording_format(path) is RecordingFormat.TUM:
         if topics is not None:
             raise InputError(f"{path}: is a folder, which has no topics; leave out --topics")
-        return open_folder(path, camera_file)
-    check_bag_packages(path)
-    from drivers.bag.bag_reader import open_bag  # its packages are optional
+        recording = open_folder(path, camera_file)
+    else:
+        check_bag_packages(path)
+        from drivers.bag.bag_reader import open_bag  # its packages are optional
 
-    recording = open_bag(path, camera_file, topics)
+        recording = open_bag(path, camera_file, topics)
     if recording.warning:
         _log.warning("%s", recording.warning)
+    if fault := find_stamp_fault(recording.frames.stamps_s):
+        _log.warning("%s: %s", path, fault)
     return recording
 
 

@@ -170,6 +170,7 @@ def test_a_camera_ahead_of_the_base_keeps_the_default_axes(tmp_path: Path) -> No
         ("map", 'load = "../x"', 'key `map.load`: "../x" is not valid; give a plain name'),
         ("rerun", "targets = [1]", "key `rerun.targets`: 1 is the wrong type; give text"),
         ("synthetic", 'motion = "wild"', 'key `synthetic.motion`: "wild" is not a choice'),
+        ("recorder", f"max_mb = 1{'0' * 13}", "key `recorder.max_mb`: 10000000000000 is"),
         ("synthetic", "rate_hz = 0", "key `synthetic.rate_hz`: 0 is out of range"),
         ("synthetic.depth", "shadow = true", "key `synthetic.depth.shadow`: is unknown; did you"),
     ],

@@ -12,6 +12,7 @@ import pytest
 from vo_service.signals import (
     InterruptedBySignal,
     force_exit_after,
+    raise_on_signals,
     stop_on_signals,
 )
 
@@ -50,6 +51,15 @@ def test_a_second_ctrl_c_ends_a_block_whose_callbacks_must_not_raise() -> None:
     command = [sys.executable, "-c", INTERRUPTED_TWICE]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (143, "", "")
+
+
+def test_a_second_signal_does_not_interrupt_the_end_of_a_block() -> None:
+    with raise_on_signals():
+        with pytest.raises(InterruptedBySignal) as interruption:
+            signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGTERM)
+        signal.raise_signal(signal.SIGINT)
+    assert interruption.value.exit_code == 130
 
 
 def test_afterwards_the_signal_handlers_are_restored() -> None:

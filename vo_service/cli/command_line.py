@@ -8,6 +8,7 @@ import sys
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout
 from importlib.metadata import version
+from pathlib import Path
 from types import ModuleType
 from typing import Any, NoReturn, TextIO, cast, get_type_hints
 
@@ -105,12 +106,22 @@ def _run_reporting_errors(arguments: Sequence[str]) -> int:
         _discard_buffered_output()
         return 0
     except OSError as error:
-        where = f"{error.filename}: " if error.filename else ""
+        name = error.filename or ("" if _has_current_folder() else "the current folder")
+        where = f"{name}: " if name else ""
         logging.getLogger("kinect-vo").error(
             "%s; fix this and run again", one_line(f"{where}{error.strerror or error}")
         )
         _discard_buffered_output()
         return 1
+
+
+def _has_current_folder() -> bool:
+    """Whether the current folder still exists: names of files need it."""
+    try:
+        Path.cwd()
+    except FileNotFoundError:
+        return False
+    return True
 
 
 class _NamedStandardOutput:

@@ -115,6 +115,17 @@ def test_registered_depth_of_half_the_size_is_enlarged(make_folder: FolderMaker)
     assert note == f"{folder}: depth of 32x24 is enlarged to 64x48"
 
 
+@pytest.mark.parametrize(("period_s", "unit"), [(33.3, "1000"), (33333.0, "1000000")])
+def test_stamps_in_a_smaller_unit_than_seconds_get_a_warning(
+    make_folder: FolderMaker, caplog: pytest.LogCaptureFixture, period_s: float, unit: str
+) -> None:
+    folder = make_folder(period_s=period_s)
+    with RecordingCamera(folder):
+        pass
+    assert f"{folder}: the frames are {period_s:.0f} s apart" in caplog.text
+    assert caplog.text.rstrip().endswith(f"divide them by {unit}")
+
+
 def test_realtime_keeps_the_recording_s_own_clock(make_folder: FolderMaker) -> None:
     with RecordingCamera(
         make_folder(count=6, period_s=0.05), playback_mode=PlaybackMode.REALTIME

@@ -165,6 +165,14 @@ def test_only_an_error_of_standard_output_is_said_to_be_one(
 
 
 @pytest.mark.subprocess
+def test_a_removed_current_folder_is_named(tmp_path: Path) -> None:
+    arguments = ("replay", "/", "--no-publish", "--trajectory", "poses.txt")
+    done = _in_shell(f"cd {tmp_path} && rmdir {tmp_path}", *arguments)
+    expected = "the current folder: No such file or directory; fix this and run again"
+    assert (done.returncode, done.stderr) == (1, f"kinect-vo: error: {expected}\n")
+
+
+@pytest.mark.subprocess
 @pytest.mark.parametrize("closed", [">&-", "2>&-", "<&- >&- 2>&-"])
 def test_without_standard_streams_it_does_the_same(closed: str) -> None:
     done = _in_shell(f"exec {closed}", "udev", "show")

@@ -24,7 +24,7 @@ from vo_service.odometry.direct.parameters import (
     MIN_OBSERVED_SHARE,
     NUM_FINE_LEVELS,
 )
-from vo_service.odometry.direct.points import select_points
+from vo_service.odometry.direct.points import drop_sparse_levels, select_points
 from vo_service.odometry.features.gray_frame import GrayFrame
 
 BLOCK_CENTER_PX = DYNAMIC_BLOCK_PX // 2
@@ -174,7 +174,7 @@ def remove_dynamic_points(
     if np.count_nonzero(states) < MIN_OBSERVED_SHARE * np.count_nonzero(blocks):
         return keyframe
     is_dynamic_block = find_dynamic_blocks(blocks, states, images.depth_noise)
-    points = tuple(
+    points = drop_sparse_levels(
         np.asfortranarray(level[~are_in_blocks(level, images.intrinsics[0], is_dynamic_block)])
         for level in keyframe.points
     )

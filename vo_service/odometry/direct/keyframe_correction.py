@@ -17,7 +17,7 @@ from drivers.core.jit import kernel
 from vo_service.odometry.direct.image_pyramid import ImageTiming
 from vo_service.odometry.direct.keyframe import DirectKeyframe
 from vo_service.odometry.direct.motion import propagate_motion, propagate_point, row_time
-from vo_service.odometry.direct.points import POINT_DEPTH_GRADIENT
+from vo_service.odometry.direct.points import POINT_DEPTH_GRADIENT, drop_sparse_levels
 
 # Every point of this many is enough to compare calibrations.
 SPARSE_STRIDE = 4
@@ -74,7 +74,9 @@ def correct_keyframe(
     before = np.array([old.shutter.readout_s, old.shutter.skew_s, *keyframe.motion])
     after = np.array([shutter.readout_s, shutter.skew_s, *motion])
     shape = np.array([old.camera.fy, old.camera.cy, old.camera.height, old.camera.fx / camera.fx])
-    points = tuple(_correct_points(each, stride, shape, before, after) for each in keyframe.points)
+    points = drop_sparse_levels(
+        _correct_points(each, stride, shape, before, after) for each in keyframe.points
+    )
     images = replace(old, camera=camera, shutter=shutter)
     return replace(keyframe, points=points, images=images, motion=motion)
 

@@ -7,6 +7,9 @@ fitted around it, which averages the sensor's noise.
 A sample is the brightness and depth of a frame where it sees a point, each row at its own time.
 """
 
+from collections.abc import Iterable
+from itertools import takewhile
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -85,13 +88,23 @@ def select_points(
         is_static: (CELLS,) which cells of the image to take points from.
 
     Returns:
-        (N, COLUMNS) for each level, in the axes of the camera at the frame's stamp. Columns are
-        contiguous (Fortran order), so that the compiler vectorizes loops over points.
+        (N, COLUMNS) for each level, see `drop_sparse_levels`, in the axes of the camera at the
+        frame's stamp. Columns are contiguous (Fortran order), so that the compiler vectorizes loops
+        over points.
     """
-    return tuple(
+    return drop_sparse_levels(
         np.asfortranarray(_select_level(level_images, block_px, motion, is_static))
         for level_images, block_px in zip(images.levels, images.point_blocks_px, strict=False)
     )
+
+
+def drop_sparse_levels(levels: Iterable[Array]) -> tuple[Array, ...]:
+    """Drop the levels from the first coarse one on that has fewer than two points.
+
+    To Numba, an array of one row has another layout, and a kernel takes levels of one layout.
+    """
+    finest, *coarse = levels
+    return finest, *takewhile(lambda level: len(level) > 1, coarse)
 
 
 @kernel

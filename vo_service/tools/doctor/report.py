@@ -6,6 +6,7 @@ import os
 import platform
 import shutil
 import subprocess
+import sys
 import tarfile
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -180,6 +181,14 @@ def quiet_console() -> Iterator[None]:
             handler.setLevel(level)
 
 
+class _LogFile(logging.FileHandler):
+    """A file of the log; an error of its disk is raised by `close`, not printed for each line."""
+
+    def handleError(self, record: logging.LogRecord) -> None:
+        if not isinstance(sys.exc_info()[1], OSError):
+            super().handleError(record)
+
+
 @contextmanager
 def log_details_to(file: Path) -> Iterator[None]:
     """Log everything to a file as well; other handlers do not change.
@@ -190,7 +199,7 @@ def log_details_to(file: Path) -> Iterator[None]:
     root = logging.getLogger()
     before = root.level
     levels = [(handler, handler.level) for handler in root.handlers]
-    detailed = logging.FileHandler(file)
+    detailed = _LogFile(file)
     detailed.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
     # Details of other packages would hide ours.
     detailed.addFilter(
@@ -205,6 +214,6 @@ def log_details_to(file: Path) -> Iterator[None]:
     finally:
         root.setLevel(before)
         root.removeHandler(detailed)
-        detailed.close()
         for handler, level in levels:
             handler.setLevel(level)
+        detailed.close()

@@ -16,6 +16,7 @@ from tests.vo_service.odometry.direct.rolling_shutter_views import (
     render_view,
     texture_at,
 )
+from vo_service.odometry.direct.alignment import STATIC_PRIOR, align, uniform_weights
 from vo_service.odometry.direct.image_pyramid import (
     ALL_STATIC,
     CELL_COLUMNS,
@@ -23,6 +24,8 @@ from vo_service.odometry.direct.image_pyramid import (
     NUM_CELLS,
     build_image_pyramid,
 )
+from vo_service.odometry.direct.keyframe import make_keyframe
+from vo_service.odometry.direct.keyframe_correction import correct_keyframe
 from vo_service.odometry.direct.motion import zero_motion
 from vo_service.odometry.direct.points import (
     HAS_SHAPE,
@@ -173,3 +176,17 @@ def test_with_a_global_shutter_the_velocity_does_not_matter() -> None:
         strict=True,
     ):
         np.testing.assert_array_equal(standing, moving)
+
+
+@pytest.mark.parametrize("stride", [1, 4])
+def test_a_level_of_one_point_is_dropped_and_the_others_are_aligned(stride: int) -> None:
+    frame = render_view()
+    depth_raw = np.zeros_like(frame.depth_raw)
+    depth_raw[100:128, 150:178] = frame.depth_raw[100:128, 150:178]
+    images = build_image_pyramid(replace(frame, depth_raw=depth_raw))
+    keyframe = make_keyframe(frame, images, np.eye(4), STANDING, ALL_STATIC)
+    assert [len(points) for points in keyframe.points] == [16, 8, 2, 4]
+    shutter = images.shutter
+    keyframe = correct_keyframe(keyframe, images.camera, shutter, STANDING, stride)
+    assert [len(points) for points in keyframe.points] == ([16, 8, 2, 4] if stride == 1 else [4, 2])
+    align(keyframe.points, images, np.eye(4), STATIC_PRIOR, 1.0, uniform_weights())

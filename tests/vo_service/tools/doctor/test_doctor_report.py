@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from drivers.core import InputError, UserFacingError
+from tests.full_disk import limit_file_size
 from tests.vo_service.tools.doctor.doctor_fakes import make_usb_device, make_usb_interface
 from vo_service.tools.doctor.report import (
     collect_versions,
@@ -75,6 +76,19 @@ def test_a_report_that_fails_leaves_nothing_behind(
 
     with raised, open_bug_report(tmp_path / "kinect.tar.gz"):
         fail()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_full_disk_is_one_error_not_one_for_each_line_of_the_log(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with (
+        pytest.raises(UserFacingError, match="the disk is full"),
+        limit_file_size(0),
+        open_bug_report(tmp_path / "kinect.tar.gz"),
+    ):
+        logging.getLogger("drivers.freenect").debug("a detail")
+    assert capsys.readouterr().err == ""
     assert list(tmp_path.iterdir()) == []
 
 

@@ -1,7 +1,7 @@
 """No file and no package imports itself by way of others, lazy imports included."""
 
 import ast
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -21,19 +21,16 @@ MODULES = {module_name(file): file for name in PACKAGES for file in (ROOT / name
 
 
 @cache
-def nodes_of(file: Path) -> list[ast.AST]:
-    """Nodes of a file's syntax tree; every pytest process imports this module, one needs them."""
-    return list(ast.walk(ast.parse(file.read_text())))
-
-
-def imported(file: Path) -> Iterator[str]:
+def imported(file: Path) -> frozenset[str]:
     """Names of our modules that a file imports, wherever in it."""
-    for node in nodes_of(file):
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(file.read_text())):
         if isinstance(node, ast.ImportFrom) and node.module:
             submodules = {f"{node.module}.{alias.name}" for alias in node.names} & MODULES.keys()
-            yield from submodules or {node.module} & MODULES.keys()
+            names |= submodules or {node.module} & MODULES.keys()
         elif isinstance(node, ast.Import):
-            yield from {alias.name for alias in node.names} & MODULES.keys()
+            names |= {alias.name for alias in node.names} & MODULES.keys()
+    return frozenset(names)
 
 
 def whole(module: str) -> str:
@@ -61,21 +58,3 @@ def test_there_are_no_import_cycles(unit_of: Callable[[str], str]) -> None:
         TopologicalSorter(grouped(unit_of)).prepare()
     except CycleError as circle:
         pytest.fail(f"a circle: {' -> '.join(circle.args[1])}")
-
-
-def test_no_class_name_is_used_twice() -> None:
-    found: dict[str, list[str]] = {}
-    for name, file in MODULES.items():
-        for node in nodes_of(file):
-            if isinstance(node, ast.ClassDef):
-                found.setdefault(node.name, []).append(name)
-    assert {name: places for name, places in found.items() if len(places) > 1} == {}
-
-
-LIMIT_PREFIXES = ("MOST_", "FEWEST_", "LONGEST_", "SHORTEST_", "LARGEST_", "LEAST_", "FARTHEST_")
-
-
-def test_limits_are_called_max_and_min() -> None:
-    for file in MODULES.values():
-        names = {node.id for node in nodes_of(file) if isinstance(node, ast.Name)}
-        assert not {name for name in names if name.lstrip("_").startswith(LIMIT_PREFIXES)}, file

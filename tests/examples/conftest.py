@@ -22,7 +22,7 @@ from vo_service import PoseClient
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 # Slow, so that the service leaves the processors to the examples.
-RATE_HZ = 10
+RATE_HZ = 5
 DURATION_S = 300
 
 

@@ -13,7 +13,6 @@ import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +20,6 @@ import cv2
 import numpy as np
 import pytest
 
-from drivers.camera import Led
 from tests import forked_process
 from tests.conftest import FRAMES
 from tests.drivers.freenect.conftest import plug_in
@@ -31,14 +29,12 @@ from tests.ports import free_port
 from tests.simulators.fixtures import SimulateKinect
 from tests.vo_service.client.fake_service import find_free_endpoint, running_fake_service
 from tests.waiting import wait_until
-from vo_service import CommandRefused, PoseClient, PoseUnavailable, PoseUnavailableReason
-from vo_service.types.commands import LedCommand, PauseCommand, ResumeCommand
+from vo_service import PoseClient
+from vo_service.types.commands import PauseCommand, ResumeCommand
 from vo_service.wheel_odometry.wheel_reading import WheelReading, parse_wheel_reading
 
 pytestmark = pytest.mark.subprocess
 
-# At most so many poses wait to be sent, or are read late, when a pause is answered.
-UNDER_WAY = 8
 NUMBER = r"-?\d+\.?\d*(?:e-?\d+)?"
 
 
@@ -462,31 +458,3 @@ def test_service_programs_in_the_documentation_run(endpoint: str, page: str) -> 
             lines.wait_for_line("tracking|degraded|240, 320, 3")
         finally:
             lines.stop()
-
-
-@pytest.mark.zenoh
-def test_an_impossible_command_is_a_typed_error(endpoint: str) -> None:
-    with PoseClient(connect=endpoint) as client:
-        with pytest.raises(CommandRefused) as caught:
-            client.send(LedCommand(Led.RED))
-        assert caught.value.code == "not-possible"
-
-
-@pytest.mark.zenoh
-def test_after_a_pause_only_poses_in_transit_arrive_and_the_client_gives_the_reason(
-    endpoint: str,
-) -> None:
-    with PoseClient(connect=endpoint) as client:
-        client.send(PauseCommand())
-        with pytest.raises(PoseUnavailable):
-            next(islice(client.poses(timeout_s=1.0), UNDER_WAY, None))
-        # On a busy machine the status may be late as well.
-        wait_until(lambda: why_there_is_no_pose(client) is PoseUnavailableReason.PAUSED)
-        client.send(ResumeCommand())
-
-
-def why_there_is_no_pose(client: PoseClient) -> PoseUnavailableReason:
-    """Fails if one comes."""
-    with pytest.raises(PoseUnavailable) as none:
-        next(client.poses(timeout_s=0.5))
-    return none.value.reason

@@ -21,7 +21,7 @@ from vo_service.config import read_config
 pytestmark = [pytest.mark.subprocess, pytest.mark.zenoh]
 
 DRIVEN = EXAMPLES.parent / "config" / "driven.toml"
-DRIVE_S, PLACES = 60.0, 3
+DRIVE_S, PLACES = 20.0, 3
 # Heights of the base up to its camera, farther from the floor than the least distance.
 MIN_DISTANCE_M, HEIGHTS_M = 0.2, (0.25, 0.375, 0.5)
 

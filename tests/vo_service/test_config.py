@@ -139,7 +139,6 @@ def test_a_camera_ahead_of_the_base_keeps_the_default_axes(tmp_path: Path) -> No
     ("table", "line", "where"),
     [
         ("camera", 'sorce = "synthetic"', "key `camera.sorce`: is unknown; did you mean `source`?"),
-        ("camera", "source = 3", "key `camera.source`: 3 is the wrong type; give text"),
         (
             "camera",
             'source = "frenect"',
@@ -151,25 +150,12 @@ def test_a_camera_ahead_of_the_base_keeps_the_default_axes(tmp_path: Path) -> No
         ("outputs", 'extra = ["file:x"]', "key `outputs.extra`: output 'file:x' is unknown; "),
         ("camera", "stamp_offset_s = 60", "key `camera.stamp_offset_s`: 60 is out of range"),
         ("odometry", "feature_count = 49", "key `odometry.feature_count`: 49 is out of range"),
-        ("odometry", "feature_count = 1e3", "key `odometry.feature_count`: 1000.0 is the wrong"),
-        ("odometry", 'upright = "no"', 'key `odometry.upright`: "no" is the wrong type; give true'),
-        ("T_base_camera", "translation_m = [1, 2]", "key `T_base_camera.translation_m`: a list of"),
         (
             "T_base_camera",
             "translation_m = [120, 0, 0]",
             "key `T_base_camera.translation_m`: 120 is",
         ),
-        ("T_base_camera", "translation_m = [0, 0, nan]", "key `T_base_camera.translation_m`: nan"),
-        (
-            "T_base_camera",
-            "quaternion_xyzw = [0, 0, 0, inf]",
-            "key `T_base_camera.quaternion_xyzw`",
-        ),
-        ("zenoh", 'listen = "tcp/127.0.0.1:1"', "key `zenoh.listen`: "),
-        ("zenoh", "prefix = true", "key `zenoh.prefix`: true is the wrong type; give text"),
         ("map", 'load = "../x"', 'key `map.load`: "../x" is not valid; give a plain name'),
-        ("rerun", "targets = [1]", "key `rerun.targets`: 1 is the wrong type; give text"),
-        ("synthetic", 'motion = "wild"', 'key `synthetic.motion`: "wild" is not a choice'),
         ("recorder", f"max_mb = 1{'0' * 13}", "key `recorder.max_mb`: 10000000000000 is"),
         ("synthetic", "rate_hz = 0", "key `synthetic.rate_hz`: 0 is out of range"),
         ("synthetic.depth", "shadow = true", "key `synthetic.depth.shadow`: is unknown; did you"),

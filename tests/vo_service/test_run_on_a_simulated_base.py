@@ -39,9 +39,12 @@ def test_a_program_drives_and_reads_where_the_base_is(tmp_path: Path, render_cac
         stage.check()
 
 
-def test_another_camera_is_not_driven(tmp_path: Path, render_cache: Path) -> None:
+def test_velocities_and_wheels_are_not_subscribed_unless_they_are_used(
+    tmp_path: Path, render_cache: Path
+) -> None:
     with service_runner(tmp_path, render_cache) as stage:
         received = stage.start().received
         wait_until(lambda: bool(received.poses))
-        publisher = stage.session.declare_publisher("kinect/cmd_vel")
-        assert not publisher.matching_status.matching  # type: ignore[attr-defined]
+        for name in ("cmd_vel", "wheel_odom"):
+            publisher = stage.session.declare_publisher(f"kinect/{name}")
+            assert not publisher.matching_status.matching  # type: ignore[attr-defined]

@@ -1,3 +1,5 @@
+"""Configuration files: values, mistakes with their line, and lines that are changed."""
+
 import json
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -9,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.core import InputError
-from drivers.core.config import Field, parse_toml, read_toml
+from drivers.core.config import Field, find_key_lines, parse_toml, read_toml
 
 
 class Shade(StrEnum):
@@ -194,3 +196,56 @@ def test_written_values_are_read_back_exactly(width: int, name: str, power_w: fl
     quoted = json.dumps(name, ensure_ascii=False).replace("\x7f", "\\u007f")
     text = f"width = {width}\nname = {quoted}\nlamp.power_w = {power_w!r}"
     assert room(text) == Room(width, name, lamp=Lamp(power_w))
+
+
+TEXT = '''# a comment = 1
+top = 1
+multi = """
+fake = 1
+[fake]
+"""
+list = [
+  1, # [x]
+  2,
+]
+a.b.c = 1
+
+[table]
+key = 'x'
+"quoted.key" = 2
+inline = { p = 1, q = { r = 2 } }
+[table.sub]  # header
+key = 3
+[[rows]]
+key = 1
+[[rows]]
+[rows.sub]
+key = 2
+'''
+
+
+def test_every_key_has_its_line() -> None:
+    lines = find_key_lines(TEXT)
+    assert lines == {
+        ("top",): 2,
+        ("multi",): 3,
+        ("list",): 7,
+        ("a",): 11,
+        ("a", "b"): 11,
+        ("a", "b", "c"): 11,
+        ("table",): 13,
+        ("table", "key"): 14,
+        ("table", "quoted.key"): 15,
+        ("table", "inline"): 16,
+        ("table", "inline", "p"): 16,
+        ("table", "inline", "q"): 16,
+        ("table", "inline", "q", "r"): 16,
+        ("table", "sub"): 17,
+        ("table", "sub", "key"): 18,
+        ("rows",): 19,
+        ("rows", "[0]"): 19,
+        ("rows", "[0]", "key"): 20,
+        ("rows", "[1]"): 21,
+        ("rows", "[1]", "sub"): 22,
+        ("rows", "[1]", "sub", "key"): 23,
+    }

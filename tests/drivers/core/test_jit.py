@@ -70,24 +70,46 @@ def test_a_user_program_shares_the_kernel_cache_of_the_command_line(tmp_path: Pa
     assert list((tmp_path / "cache" / "kernels").rglob("program.double*.nbi"))
 
 
+FOUR_KERNELS = """
+from drivers.core.jit import kernel
+
+@kernel
+def one(x):
+    return x
+
+@kernel
+def two(x):
+    return 2 * x
+
+@kernel
+def three(x):
+    return 3 * x
+
+@kernel
+def four(x):
+    return 4 * x
+
+print(one(3), two(3), three(3), four(3))
+"""
+DAMAGED = {"one": ("nbc", b""), "two": ("nbi", b""), "three": ("nbc", bytes(2000))}
+DAMAGED |= {"four": ("nbi", bytes(2000))}
+
+
 @pytest.mark.subprocess
-@pytest.mark.parametrize("suffix", ["nbc", "nbi"])
-@pytest.mark.parametrize("damaged", [b"", bytes(2000)])
-def test_a_kernel_with_a_damaged_file_is_compiled_anew(
-    tmp_path: Path, suffix: str, damaged: bytes
-) -> None:
-    (tmp_path / "program.py").write_text(PROGRAM)
+def test_a_kernel_with_a_damaged_file_is_compiled_anew(tmp_path: Path) -> None:
+    (tmp_path / "program.py").write_text(FOUR_KERNELS)
     environment = os.environ | {
         "NUMBA_CACHE_DIR": str(tmp_path / "kernels"),
         "PYTHONPATH": str(ROOT),
     }
     command = [sys.executable, str(tmp_path / "program.py")]
     subprocess.run(command, env=environment, check=True)
-    (file,) = (tmp_path / "kernels").rglob(f"program.double*.{suffix}")
-    file.write_bytes(damaged)
-    for warnings in (1, 0):
+    for name, (suffix, content) in DAMAGED.items():
+        (file,) = (tmp_path / "kernels").rglob(f"program.{name}*.{suffix}")
+        file.write_bytes(content)
+    for warnings in (len(DAMAGED), 0):
         done = subprocess.run(command, env=environment, capture_output=True, text=True)
-        assert done.stdout == "6\n"
+        assert done.stdout == "3 6 9 12\n"
         assert done.stderr.count("a damaged kernel is compiled anew") == warnings
 
 

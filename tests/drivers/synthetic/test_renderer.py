@@ -35,7 +35,7 @@ def rooms() -> dict[int, Renderer]:
     """Renderers by seed, each of five frames on a long path through its room."""
     small = make_small(SyntheticConfig.ideal())
     config = replace(small, duration_s=20.0, rate_hz=0.25, texel_m=0.05)
-    return {seed: make_renderer(replace(config, seed=seed), 2) for seed in (1, 2, 3)}
+    return {seed: make_renderer(replace(config, seed=seed), 2) for seed in (1, 2)}
 
 
 def test_another_seed_is_another_room(rooms: dict[int, Renderer]) -> None:
@@ -174,6 +174,6 @@ def test_every_fault_of_the_sensor_can_be_switched_off_alone(shared_renderer: Sh
     assert len(seen) == len(variants) + 1
 
 
-@pytest.mark.parametrize("seed", range(1, 4))
+@pytest.mark.parametrize("seed", [1, 2])
 def test_the_camera_stays_clear_of_the_furniture(rooms: dict[int, Renderer], seed: int) -> None:
     assert min(rooms[seed].render(i).depth_raw.min() for i in range(5)) > 0.2 * 5000

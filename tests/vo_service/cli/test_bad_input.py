@@ -109,14 +109,6 @@ def test_a_service_reports_the_same_error_and_exits(tmp_path: Path, kinect_vo: K
     assert_one_line(outcome, InputError.exit_code, "none: no such folder")
 
 
-@pytest.mark.parametrize("where", ["none/poses.txt", "."])
-def test_an_unwritable_trajectory_is_an_error(
-    where: str, recording: Path, tmp_path: Path, kinect_vo: KinectVo
-) -> None:
-    outcome = kinect_vo("replay", recording, "--no-publish", "--trajectory", tmp_path / where)
-    assert_one_line(outcome, 2, "cannot be written: ")
-
-
 @pytest.mark.zenoh
 def test_a_port_in_use_is_reported_and_the_trajectory_kept(
     recording: Path, config: Path, port: int, tmp_path: Path, kinect_vo: KinectVo

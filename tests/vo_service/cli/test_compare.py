@@ -176,8 +176,6 @@ def test_without_truth_coverage_and_cost_are_reported(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["gone"], "gone: no such folder; check the path"),
-        (["corner", "empty"], "empty: the folder is empty; name one with rgb.txt and depth.txt"),
         (["corner", "corner"], "names are equal; rename one folder"),
         (["corner", "--output", "file/out"], "file/out: cannot be written: Not a directory"),
         (["corner", "--methods", "magic"], "invalid choice: 'magic'"),
@@ -196,13 +194,12 @@ def test_invalid_input_is_one_line_before_any_run(
     message: str,
 ) -> None:
     copy_recording()
-    (tmp_path / "empty").mkdir()
     (tmp_path / "file").touch()
     monkeypatch.chdir(tmp_path)
     done = kinect_vo("compare", *arguments)
     assert (done.code, done.out, done.err.count("\n")) == (2, "", 1)
     assert message in done.err
-    assert {path.name for path in tmp_path.iterdir()} <= {"cache", "corner", "empty", "file"}
+    assert {path.name for path in tmp_path.iterdir()} <= {"cache", "corner", "file"}
 
 
 def test_a_scale_from_the_truth_needs_a_truth(

@@ -144,16 +144,6 @@ def write_jump_bag(recording: Path, path: Path, count: int, before: int) -> None
     bag.close()
 
 
-@pytest.mark.subprocess
-def test_a_replay_repeats_bit_for_bit_also_in_another_process(
-    recording: Path, tmp_path: Path, kinect_vo: KinectVo
-) -> None:
-    kinect_vo("replay", recording, "--no-publish", "--trajectory", tmp_path / "a.txt")
-    run_subprocess("replay", recording, "--no-publish", "--trajectory", tmp_path / "b.txt")
-    assert (tmp_path / "a.txt").read_bytes() == (tmp_path / "b.txt").read_bytes()
-    assert count_lines(tmp_path / "a.txt") == FRAMES
-
-
 def test_an_unreadable_frame_in_the_middle_is_skipped_counted_and_reported(
     copy_recording: CopyRecording, kinect_vo: KinectVo
 ) -> None:
@@ -240,13 +230,18 @@ def test_a_recording_is_not_overwritten_by_its_own_trajectory(
 
 
 @pytest.mark.subprocess
-def test_eight_replays_at_once_give_the_same_trajectory(recording: Path, tmp_path: Path) -> None:
-    files = [tmp_path / f"{number}.txt" for number in range(8)]
-    with ThreadPoolExecutor(len(files)) as pool:
+def test_replays_at_once_in_other_processes_give_the_same_bits(
+    recording: Path, tmp_path: Path, kinect_vo: KinectVo
+) -> None:
+    files = [tmp_path / f"{number}.txt" for number in range(4)]
+    kinect_vo("replay", recording, "--no-publish", "--trajectory", files[0])
+    with ThreadPoolExecutor(3) as pool:
         outcomes = list(
-            pool.map(lambda file: run_subprocess("replay", recording, "--trajectory", file), files)
+            pool.map(
+                lambda file: run_subprocess("replay", recording, "--trajectory", file), files[1:]
+            )
         )
-    assert [outcome.code for outcome in outcomes] == [0] * len(files), outcomes
+    assert [outcome.code for outcome in outcomes] == [0] * 3, outcomes
     assert len({file.read_bytes() for file in files}) == 1
     assert count_lines(files[0]) == FRAMES
 

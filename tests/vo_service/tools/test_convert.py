@@ -35,7 +35,6 @@ from tests.drivers.bag.test_bag import (
     write_frame,
 )
 from tests.drivers.tum.read_recording import assert_same, read_recording
-from tests.full_disk import limit_file_size
 from tests.vo_service.fakes import make_frame
 from vo_service.tools.convert import OutputFormat, choose_format, convert
 
@@ -223,19 +222,6 @@ def test_nothing_is_left_after_a_failure(copy_recording: CopyRecording, tmp_path
         convert_path(folder, tmp_path / "file" / "a.mcap")
     with pytest.raises(InputError, match="file: exists already"):
         convert_path(folder, tmp_path / "file")
-
-
-def test_a_full_disk_is_one_clear_error_and_leaves_nothing(
-    copy_recording: CopyRecording, tmp_path: Path
-) -> None:
-    folder = copy_recording()
-    for name, kind in [*OUTPUTS, ("folder", OutputFormat.FOLDER)]:
-        with (
-            limit_file_size(100_000),
-            pytest.raises(UserFacingError, match=f"{name}: the disk is full.*free some space"),
-        ):
-            convert_path(folder, tmp_path / "out" / name, kind)
-        assert not (tmp_path / "out" / name).exists()
 
 
 def test_a_format_is_read_whatever_the_name(copy_recording: CopyRecording, tmp_path: Path) -> None:

@@ -63,6 +63,7 @@ def test_the_standard_deviations_have_the_size_of_the_errors(
     assert np.all(color.sigma[:4] < 1.0)
 
 
+@pytest.mark.usefixtures("few_jackknife_groups")
 def test_an_insignificant_coefficient_is_left_out() -> None:
     result = calibrate_color(
         RenderedKinect(color=NO_DISTORTION).make_views(BOARD, random_board_poses(BOARD, 15, 1))
@@ -70,6 +71,7 @@ def test_an_insignificant_coefficient_is_left_out() -> None:
     assert result.lens.distortion[-1] == 0.0
 
 
+@pytest.mark.usefixtures("few_jackknife_groups")
 def test_a_view_of_a_moved_board_is_rejected_and_named(selector: ViewSelector) -> None:
     shift_px = np.zeros((54, 2))
     shift_px[::2] = 3.0
@@ -82,6 +84,7 @@ def test_a_view_of_a_moved_board_is_rejected_and_named(selector: ViewSelector) -
     assert result.rms_px < 0.15
 
 
+@pytest.mark.usefixtures("few_jackknife_groups")
 def test_a_wrong_corner_is_left_out(selector: ViewSelector) -> None:
     shift_px = np.zeros((54, 2))
     shift_px[17] = (1.0, -0.6)
@@ -96,6 +99,7 @@ def test_too_few_views_are_rejected(selector: ViewSelector, count: int) -> None:
         calibrate_color(selector.views[:count])
 
 
+@pytest.mark.usefixtures("few_jackknife_groups")
 def test_views_may_show_different_corners(selector: ViewSelector) -> None:
     partial_views = [
         replace(v, corners=BoardCorners(v.corners.pixels[n % 7 :], v.corners.points_m[n % 7 :]))

@@ -63,6 +63,7 @@ def test_the_table_has_the_result(depth: DepthCalibrationResult) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("few_jackknife_groups")
 def test_a_distorted_lens_is_accurate_in_the_whole_image() -> None:
     distorted = RenderedKinect(depth=replace(DEPTH_LENS, distortion=(-0.12, 0.2, 0.0, 0.0, 0.0)))
     color = calibrate_color(distorted.make_views(BOARD, random_board_poses(BOARD, 24, 6)))
@@ -81,6 +82,7 @@ def _change_depth(
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("few_jackknife_groups")
 def test_readings_beside_the_board_are_left_out(color: ColorCalibrationResult) -> None:
     def add_near_object(depth_raw: NDArray[np.uint16]) -> NDArray[np.uint16]:
         changed = depth_raw.copy()
@@ -107,6 +109,7 @@ def test_a_few_views_are_fitted_and_counted() -> None:
     assert few.view_count == 8
 
 
+@pytest.mark.usefixtures("few_jackknife_groups")
 def test_depth_of_another_scene_is_rejected(color: ColorCalibrationResult) -> None:
     depths = [view.depth_raw for view in color.views]
     views = [
@@ -118,6 +121,7 @@ def test_depth_of_another_scene_is_rejected(color: ColorCalibrationResult) -> No
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("few_jackknife_groups")
 def test_depth_that_is_registered_to_color_is_rejected() -> None:
     same = RenderedKinect(depth=COLOR_LENS, T_color_depth=np.eye(4))
     color = calibrate_color(same.make_views(BOARD, random_board_poses(BOARD, 12, 4)))

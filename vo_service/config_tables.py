@@ -30,7 +30,9 @@ class RerunConfig:
     jpeg_quality: Annotated[int, Field("JPEG quality of color images", minimum=10, maximum=100)] = (
         80
     )
-    memory_mb: Annotated[int, Field("memory limit of each viewer's process", minimum=250)] = 300
+    memory_mb: Annotated[
+        int, Field("memory limit of each viewer's process, libraries apart", minimum=250)
+    ] = 300
     file_mb: Annotated[
         int, Field("size limit of an .rrd file; the next file follows", minimum=1)
     ] = 500

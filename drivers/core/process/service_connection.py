@@ -114,7 +114,9 @@ class ServiceConnection:
                 self._end(is_connected=False)
 
     def _check_memory(self) -> None:
-        pages = int(Path("/proc/self/statm").read_text().split()[1])
+        # Pages of files, such as libraries, do not count: their number depends on the file system.
+        resident, of_files = Path("/proc/self/statm").read_text().split()[1:3]
+        pages = int(resident) - int(of_files)
         if pages * os.sysconf("SC_PAGE_SIZE") / _BYTES_PER_MB <= self._spec.memory_mb:
             return
         limit = f"{self._spec.memory_mb} MB ({self._spec.memory_key})"

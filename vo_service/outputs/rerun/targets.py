@@ -94,8 +94,9 @@ def _check_port_free(port: int) -> None:
             raise PortTakenError(port, error) from error
 
 
-# Measured: memory of Python, OpenCV and Rerun without history; Rerun then takes twice its limit.
-_BASE_PROCESS_MB = 250
+# Measured: Python, OpenCV, Rerun and their libraries without history; Rerun then takes twice its
+# limit.
+_BASE_PROCESS_MB = 220
 _PROCESS_MB_PER_HISTORY_MB = 2
 _MIN_HISTORY_MB = 20
 

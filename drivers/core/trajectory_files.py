@@ -12,6 +12,7 @@
 All poses are of the camera (or body) in the world.
 """
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from decimal import Decimal
@@ -37,10 +38,14 @@ ASSUMED_RATE_HZ = 30
 ICL_NUIM_SUFFIX = ".gt.freiburg"
 # Rotation matrices are written with few digits.
 MAX_ROTATION_ERROR = 1e-2
+# Of the median step; cars are slower, and hands move a camera by 100 mm/s and more.
+MAX_SPEED_M_S = 60.0
 # ICL-NUIM's y axes, those of the camera and of the world, point up. That is a left-handed system.
 MIRRORED_Y = np.diag([1.0, -1.0, 1.0, 1.0])
 
 Row = tuple[str, list[str]]
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -65,6 +70,25 @@ def read_trajectory_file(path: Path, frames_s: Array | None = None) -> Trajector
     Raises:
         InputError: The file cannot be read or parsed; the message names file and line.
     """
+    found = _read_any_format(path, frames_s)
+    if fault := find_speed_fault(found.poses):
+        _log.warning("%s: %s", path, fault)
+    return found
+
+
+def find_speed_fault(poses: Trajectory) -> str:
+    """Return why positions cannot be in meters; "" if they can."""
+    steps_m = np.linalg.norm(np.diff(poses.T_world_camera[:, :3, 3], axis=0), axis=1)
+    speed_m_s = np.median(steps_m / np.diff(poses.stamps_s)) if len(steps_m) else 0.0
+    if speed_m_s <= MAX_SPEED_M_S:
+        return ""
+    return (
+        f"the camera moves at {speed_m_s:.0f} m/s; if the positions are not in meters but in "
+        "millimeters, divide them by 1000"
+    )
+
+
+def _read_any_format(path: Path, frames_s: Array | None) -> TrajectoryFile:
     rows = read_trajectory_rows(path)
     columns = [len(words) for _, words in rows[:2]]
     if columns[0] == 12:

@@ -153,3 +153,14 @@ def test_any_numbers_give_finite_poses_or_an_input_error(
     except InputError:
         return
     assert np.all(np.isfinite(trajectory.T_world_camera))
+
+
+@pytest.mark.parametrize(("per_m", "is_named"), [(1.0, False), (1000.0, True)])
+def test_positions_in_millimeters_are_named(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, per_m: float, is_named: bool
+) -> None:
+    lines = (f"{n / 30} {0.01 * per_m * n} 0 0 0 0 0 1\n" for n in range(5))
+    file = tmp_path / "groundtruth.txt"
+    file.write_text("".join(lines))
+    read_trajectory_file(file)
+    assert ("groundtruth.txt: the camera moves at 300 m/s" in caplog.text) is is_named

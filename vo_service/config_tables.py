@@ -70,11 +70,7 @@ class RecorderConfig:
 
 @dataclass(frozen=True)
 class MapConfig:
-    """`[map]`: keyframes, loop closure, relocalization, saved maps and the occupancy grid.
-
-    Raises:
-        FieldError: If a map is to be loaded without what finds it again.
-    """
+    """`[map]`: keyframes, loop closure, relocalization, saved maps and the occupancy grid."""
 
     enabled: Annotated[bool, "false disables the mapper: no keyframes, no saved maps"] = True
     loop_closure: Annotated[bool, "false disables loop closure and relocalization"] = True
@@ -118,13 +114,6 @@ class MapConfig:
             "disk limit of all maps; the oldest are deleted first", minimum=1, is_reloadable=True
         ),
     ] = 2000
-
-    def __post_init__(self) -> None:
-        for key in ("enabled", "loop_closure"):
-            if self.load is not None and not getattr(self, key):
-                raise FieldError(
-                    ("load",), f"needs {key} = true: else the camera is not searched for in a map"
-                )
 
 
 @dataclass(frozen=True)

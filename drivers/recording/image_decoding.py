@@ -74,15 +74,14 @@ def decode_depth(data: bytes, name: str) -> DepthImage:
     if image.ndim != 2 or image.dtype != np.uint16:
         raise UnreadableFrameError(
             f"{name}: depth has {_describe(image)}, where 16 bits and 1 channel are needed; export "
-            "the sensor's raw depth, not a visualization"
+            "the sensor's raw depth as whole numbers, not a visualization"
         )
     return image
 
 
 def _describe(image: NDArray[Any]) -> str:
-    return (
-        f"{image.dtype.itemsize * 8} bits and {1 if image.ndim == 2 else image.shape[2]} channel(s)"
-    )
+    bits = f"{image.dtype.itemsize * 8}{' floating-point' if image.dtype.kind == 'f' else ''} bits"
+    return f"{bits} and {1 if image.ndim == 2 else image.shape[2]} channel(s)"
 
 
 def stored_color(data: bytes, name: str) -> bytes | BgrImage:

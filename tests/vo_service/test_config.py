@@ -177,8 +177,6 @@ def test_a_wrong_key_is_reported_with_its_line(
         ("ros2", 'odom_frame_id = ""', "is empty or the name of another frame"),
         ("ros2", 'base_frame_id = "odom"', "is empty or the name of another frame"),
         ("zenoh", 'listen = ["tcp/[::1]:1", "tcp/[::1]:1"]', "the same endpoint twice"),
-        ("map", 'load = "kitchen"\nenabled = false', "needs enabled = true"),
-        ("map", 'load = "kitchen"\nloop_closure = false', "needs loop_closure = true"),
         ("synthetic", "duration_s = 0.01", "must hold at least one frame"),
     ],
 )

@@ -109,6 +109,8 @@ def test_a_map_that_cannot_be_loaded_is_a_warning(
     (warning,) = check_config(config(tmp_path, '[map]\nload = "home"'))
     assert warning.startswith(f"map: {file}: cannot be read: No such file")
     assert check_config(config(tmp_path, '[map]\nload = "home"\nenabled = false')) == []
+    (warning,) = check_config(config(tmp_path, '[map]\nload = "home"\nloop_closure = false'))
+    assert warning == "map.load: no map is loaded with map.loop_closure = false"
 
 
 @pytest.mark.subprocess

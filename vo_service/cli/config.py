@@ -104,7 +104,10 @@ def _check_parts(config: Config) -> Iterator[str]:
         with _errors_of("outputs", "mcap"):
             check_suffix(config.outputs.mcap, [".mcap"])
     if config.map.enabled and config.map.load is not None:
-        yield from _check_map(config.map.load)
+        if config.map.loop_closure:
+            yield from _check_map(config.map.load)
+        else:
+            yield "map.load: no map is loaded with map.loop_closure = false"
     with _errors_of("zenoh", "config_file" if config.zenoh.config_file else "listen"):
         warning = check_session_config(config.zenoh)
     if warning:

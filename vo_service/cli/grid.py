@@ -38,7 +38,7 @@ from vo_service.navigation.grid_recorder import GridRecorder
 from vo_service.navigation.height_limits import mounting_problem
 from vo_service.outputs.progress import ProgressOutput
 from vo_service.signals import stop_on_signals
-from vo_service.terminal import Terminal
+from vo_service.terminal import Terminal, announce
 from vo_service.types.occupancy_grid import FREE, NO_GRID, OCCUPIED
 
 EPILOG = """\
@@ -101,6 +101,9 @@ def run(request: GridRequest) -> int:
         if is_new:
             with suppress(OSError):
                 request.output.rmdir()
+        if result.exit_code:
+            announce(f"{request.folder}: cut short before a floor or an obstacle was seen")
+            return result.exit_code
         raise InputError(f"{request.folder}: no floor and no obstacle was seen")
     image, settings, picture = FILES
     atomic_write(request.output / image, encode_grid_image(grid))

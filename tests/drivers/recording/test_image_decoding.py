@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from drivers.recording.image_decoding import (
     PNG_SIGNATURE,
     UnreadableFrameError,
+    decode_depth,
     stored_color,
     stored_depth,
 )
@@ -170,6 +171,12 @@ def test_images_of_another_kind_or_size_are_refused(
 ) -> None:
     with pytest.raises(UnreadableFrameError, match=reason):
         load(encoded(color), encoded(depth))
+
+
+def test_floating_point_depth_is_refused() -> None:
+    data = cv2.imencode(".tiff", DEPTH.astype(np.float32))[1].tobytes()
+    with pytest.raises(UnreadableFrameError, match=r"32 floating-point bits.* as whole numbers"):
+        decode_depth(data, "depth.tiff")
 
 
 def test_an_absurd_size_is_refused_not_a_crash(load: Load) -> None:

@@ -1,6 +1,8 @@
 """``kinect-vo grid``: its options and wrong input; the cells have tests of their own."""
 
+import signal
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -10,6 +12,7 @@ import pytest
 from drivers.core import InputError
 from tests.vo_service.cli.cli_runner import KinectVo, assert_one_line
 from tests.vo_service.navigation.views import mounted
+from vo_service.cli import grid
 from vo_service.cli.grid import FILES, GridRequest, _with_mounting, run
 from vo_service.config import Config
 
@@ -55,6 +58,17 @@ def test_a_recording_that_shows_no_place_leaves_no_new_folder(
     outcome = kinect_vo("grid", folder, tmp_path / "map", *place)
     assert_one_line(outcome, 2, "no floor and no obstacle was seen")
     assert (tmp_path / "map").exists() is is_there
+
+
+def test_ctrl_c_before_anything_is_seen_is_no_mistake_of_the_recording(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, recording: Path
+) -> None:
+    interrupt = partial(signal.raise_signal, signal.SIGINT)
+    monkeypatch.setattr(grid, "prepare_kernels", lambda *_: interrupt())
+    output = tmp_path / "map"
+    request = GridRequest(folder=recording, output=output, camera_height=1.0, camera_tilt=20.0)
+    assert run(request) == 130
+    assert not output.exists()
 
 
 @pytest.mark.parametrize(

@@ -41,7 +41,9 @@ def main(argv: Sequence[str] | None = None) -> NoReturn:
         for profile in profiles:
             stack.enter_context(profile)
         _run(arguments, stack.close)
-    sys.exit(0)
+    sys.stderr.flush()
+    # All is closed. A thread of Zenoh or rclpy that calls Python while it ends would abort it.
+    os._exit(0)
 
 
 def _own_version() -> str:

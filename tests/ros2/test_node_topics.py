@@ -186,6 +186,7 @@ def test_what_cannot_be_read_does_not_end_the_node(port: int, service: KinectVo,
         node.wait_for_line("the status has version 2, but this node reads only 1")
         service.session.put("kinect/odom", b"no pose")
         service.session.put("kinect/map_odom", b"no map")
+        reader.first("/odom")
         count = len(reader.messages["/odom"])
         wait_until(lambda: len(reader.messages["/odom"]) > count + 30)
         assert node.process.poll() is None

@@ -1,6 +1,7 @@
 """Sinks that fail in the viewer's process."""
 
 import errno
+import mmap
 import os
 import threading
 from pathlib import Path
@@ -44,6 +45,24 @@ class LeakingSink(_InMemorySink):
     def check(self, stream: "rr.RecordingStream") -> None:
         """Allocate memory and write to all of it."""
         self._leaked.append(b"x" * (self._mb * 1_000_000))
+
+
+class FileReadingSink(_InMemorySink):
+    """A sink that maps a file of some megabytes, as libraries are, and reads all of it."""
+
+    address = "file"
+
+    def __init__(self, file: Path, mb: int) -> None:
+        self._file, self._mb = file, mb
+        self._mapped: list[mmap.mmap] = []
+
+    def check(self, stream: "rr.RecordingStream") -> None:
+        """Map and read the file, once."""
+        if not self._mapped:
+            self._file.write_bytes(bytes(self._mb * 1_000_000))
+            with self._file.open("rb") as file:
+                self._mapped.append(mmap.mmap(file.fileno(), 0, prot=mmap.PROT_READ))
+            sum(self._mapped[0][:: mmap.PAGESIZE])
 
 
 class FullDiskSink(_InMemorySink):

@@ -15,7 +15,12 @@ import pytest
 from drivers.camera import PlaybackMode
 from drivers.core import InputError, UserFacingError
 from tests.resource_leaks import child_pids, is_alive, resident_memory_kb, resources_in_use
-from tests.vo_service.outputs.rerun.faulty_sinks import BlockingSink, FullDiskSink, LeakingSink
+from tests.vo_service.outputs.rerun.faulty_sinks import (
+    BlockingSink,
+    FileReadingSink,
+    FullDiskSink,
+    LeakingSink,
+)
 from tests.vo_service.outputs.rerun.rerun_recording import count_rows, is_complete, read_column
 from tests.vo_service.outputs.sample_updates import STATUS, make_update
 from tests.waiting import wait_until
@@ -165,6 +170,20 @@ def test_a_process_with_too_much_memory_is_restarted(caplog: pytest.LogCaptureFi
         wait_until(lambda: output.warning == "")
     assert max(sizes_mb) < 300 + 200
     assert caplog.text.count("exceeded 300 MB") == 1
+
+
+def test_pages_of_files_do_not_count_as_memory(tmp_path: Path) -> None:
+    sink = FileReadingSink(tmp_path / "library", 200)
+    with running_output(sink, RerunConfig(memory_mb=250)) as (output, process):
+
+        def is_mapped() -> bool:
+            output.on_update(make_update(0))
+            return resident_mb(process) > 250
+
+        wait_until(is_mapped)
+        time.sleep(1.5)  # three times the period of the check
+        assert is_alive(process)
+        assert output.warning == ""
 
 
 def resident_mb(process: int) -> float:

@@ -229,7 +229,9 @@ def _track_corrupted(
 def measure_other_sensors(args: argparse.Namespace) -> None:
     """Tracking of recordings as other sensors would have them, by `direct` and by `surf`.
 
-    Images have other sizes; or inverse depth has more noise, which neighbors share as with stereo.
+    Images have other sizes; inverse depth has more noise, which neighbors share as with stereo; a
+    smaller depth image is registered to the color image pixel by pixel, which leaves a grid with
+    holes; or depth is half as fast as color.
     "lost" are the frames without a pose.
     """
     for method in SENSOR_METHODS:
@@ -254,7 +256,41 @@ def make_other_sensors() -> Mapping[str, FrameChange]:
             for sigma_per_m in (0.006, 0.01)
             for blur_px in (3, 6, 12)
         },
+        "grid of depth, 2.2 px": partial(_keep_depth_grid, 2.2),
+        "grid of depth, 4 px": partial(_keep_depth_grid, 4.0),
+        "twice the size, grid 2 px": lambda frame: _keep_depth_grid(2.0, _double(frame)),
+        "half of depth missing": _drop_half_of_depth,
+        "each depth image twice": _DepthRepeater().repeat,
     }
+
+
+def _keep_depth_grid(pitch_px: float, frame: RgbdFrame) -> RgbdFrame:
+    """Keep only the depth of a grid of pixels."""
+    grid = np.ix_(
+        *(np.arange(0.3, size - 1, pitch_px).round().astype(int) for size in frame.depth_raw.shape)
+    )
+    depth_raw = np.zeros_like(frame.depth_raw)
+    depth_raw[grid] = frame.depth_raw[grid]
+    return replace(frame, depth_raw=depth_raw)
+
+
+def _drop_half_of_depth(frame: RgbdFrame) -> RgbdFrame:
+    """Remove the depth of random pixels."""
+    is_kept = np.random.default_rng([7, frame.seq]).random(frame.depth_raw.shape) < 0.5
+    return replace(frame, depth_raw=np.where(is_kept, frame.depth_raw, 0).astype(np.uint16))
+
+
+class _DepthRepeater:
+    """Gives frames with odd numbers the depth of the frame before."""
+
+    def __init__(self) -> None:
+        self._last: RgbdFrame | None = None
+
+    def repeat(self, frame: RgbdFrame) -> RgbdFrame:
+        """Return the frame with its own depth or the last one."""
+        if self._last is None or frame.seq % 2 == 0:
+            self._last = frame
+        return replace(frame, depth_raw=self._last.depth_raw)
 
 
 def _double(frame: RgbdFrame) -> RgbdFrame:

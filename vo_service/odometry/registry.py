@@ -103,6 +103,7 @@ def make_direct(features: MethodConfig, timer: StageTimer) -> Odometry:
     from vo_service.odometry.direct.image_halving import HalvingOdometry
     from vo_service.odometry.direct.odometry import DirectOdometry
     from vo_service.odometry.direct.parameters import POINT_BLOCKS, SMALL_POINT_BLOCKS
+    from vo_service.odometry.direct.repeated_depth import RepeatedDepthFilter
     from vo_service.odometry.direct.self_calibration import SelfCalibratingOdometry
     from vo_service.odometry.features.extractor import SurfExtractor
 
@@ -110,7 +111,8 @@ def make_direct(features: MethodConfig, timer: StageTimer) -> Odometry:
     point_blocks = {DEFAULT_PROFILE: POINT_BLOCKS, SMALL_PROFILE: SMALL_POINT_BLOCKS}
     tracker = DirectOdometry(extractor, timer, point_blocks[features.profile])
     is_fixed = features.timing == FIXED_TIMING_MODE
-    return HalvingOdometry(tracker if is_fixed else SelfCalibratingOdometry(tracker, timer=timer))
+    odometry = tracker if is_fixed else SelfCalibratingOdometry(tracker, timer=timer)
+    return RepeatedDepthFilter(HalvingOdometry(odometry))
 
 
 def make_icp(_features: MethodConfig, timer: StageTimer) -> Odometry:

@@ -37,13 +37,13 @@ def _make_corner_frames() -> Iterator[RgbdFrame]:
     """A texture that moves over a corner; in the last frame another texture.
 
     From the fourth frame on most of the texture moves further, which gives parallax. In the last
-    frame tracking is lost, so that the recovery runs as well.
+    frame tracking is lost, so that the recovery runs as well. No two depth images are the same.
     """
     for number, seed in enumerate((0, 0, 0, 0, 0, 1)):
         yield _make_frame(
             number,
             _shift_texture(_make_texture(seed), number),
-            _make_corner_depth(2000 + 2000 * seed),
+            _make_corner_depth(2000 + 2000 * seed + number),
         )
 
 
@@ -55,7 +55,8 @@ def _make_wall_frames() -> Iterator[RgbdFrame]:
     """
     wall = np.full((IMAGE_SIZE_PX, IMAGE_SIZE_PX), 2000, np.uint16)
     for number, shift_px in enumerate((0, 2, 72)):
-        frame = _make_frame(number, np.roll(_make_texture(0), shift_px, axis=1), wall)
+        texture = np.roll(_make_texture(0), shift_px, axis=1)
+        frame = _make_frame(number, texture, wall + np.uint16(number))
         yield replace(frame, readout_s=1e-6)
 
 

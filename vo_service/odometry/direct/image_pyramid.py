@@ -98,6 +98,14 @@ class DepthImage:
     raw: NDArray[np.uint16]
     factor: float
 
+    @classmethod
+    def of(cls, frame: RgbdFrame) -> "DepthImage":
+        """Take the depth of a frame."""
+        depth_raw = frame.depth_raw.view()
+        # One array type to compile: some cameras' arrays are read-only.
+        depth_raw.flags.writeable = False
+        return cls(depth_raw, float(frame.depth_factor))
+
     @cached_property
     def inverse(self) -> NDArray[np.float32]:
         """(H, W) inverse depth in 1/m; 0 = no reading."""
@@ -200,13 +208,9 @@ def build_image_pyramid(
         point_blocks: Numbers of blocks for a keyframe's points, one for each level; at most
             `NUM_LEVELS`.
     """
-    depth_raw = frame.depth_raw.view()
-    depth_raw.flags.writeable = (
-        False  # one array type to compile: some cameras' arrays are read-only
-    )
     return ImagePyramid(
         gray=_downscale(frame.gray, len(point_blocks)),
-        depth=DepthImage(depth_raw, float(frame.depth_factor)),
+        depth=DepthImage.of(frame),
         camera=frame.camera,
         shutter=ImageTiming(frame.readout_s, frame.skew_s),
         stamp_s=frame.stamp_s,

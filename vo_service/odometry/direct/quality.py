@@ -61,6 +61,7 @@ from vo_service.types.estimate import TrackingDebug
 
 # Every 4th point is enough to see.
 POINT_STRIDE = 4
+NO_DEPTH = "brightness only: no depth in view"
 
 
 def is_consistent(counts: Array) -> bool:
@@ -143,7 +144,7 @@ def degradation_reason(alignment: DirectAlignment) -> str:
     if counts[WITH_BRIGHTNESS] < enough:
         return "depth only: no texture in view"
     if counts[WITH_DEPTH] < enough:
-        return "brightness only: no depth in view"
+        return NO_DEPTH
     return (
         _occlusion_message(occluded_fraction(alignment))
         if occluded_fraction(alignment) > MAX_OCCLUDED_SHARE

@@ -59,7 +59,7 @@ def all_that_may_happen() -> list[RgbdFrame]:
         *render_sequence(BRISK, 3),
         shared,
         *(replace(render_view(hand, 1.0), stamp_s=0.2 + k / 30) for k, hand in enumerate(aside)),
-        replace(remove_color(render_view()), stamp_s=0.5),
+        replace(remove_color(add_noise(render_view(), 4)), stamp_s=0.5),
     ]
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, poses_close
 from vo_service.odometry.direct.aligner import MovingView
+from vo_service.odometry.direct.image_halving import halve_as_needed
 from vo_service.odometry.features.extractor import SurfExtractor
 from vo_service.odometry.features.match_verifier import GUESS_VERIFIER
 from vo_service.odometry.features.matching import match_features
@@ -83,6 +84,7 @@ class PlaceRecognizer:
         velocity_sigma: tuple[float, float] = TRACKED_VELOCITY_SIGMA,
     ) -> QueryFrame:
         """Make a query of a frame; the velocity and its sigma are as in `MovingView`."""
+        frame = halve_as_needed(frame)
         features = extract_depth_features(frame, self._extractor, velocity, MAX_STORED_FEATURES)
         vlad_descriptor = self._vocabulary.describe(features.descriptor_int8)
         view = MovingView.of(frame, velocity, velocity_sigma)

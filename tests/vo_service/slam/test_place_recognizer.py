@@ -6,7 +6,7 @@ import pytest
 
 from drivers.core.geometry import inverse
 from tests.vo_service.odometry.direct import rolling_shutter_views
-from tests.vo_service.odometry.direct.rolling_shutter_views import BRISK
+from tests.vo_service.odometry.direct.rolling_shutter_views import BRISK, keep_depth_grid
 from tests.vo_service.odometry.hand_held_sequence import BLACK, assert_close
 from tests.vo_service.odometry.synthetic_views import (
     add_depth_noise,
@@ -67,6 +67,16 @@ def test_a_keyframe_of_a_noisy_sensor_is_recognized(recognizer: PlaceRecognizer)
     found = recognizer.recognize(beside, [recognizer.create_keyframe(here, 0, 0, HERE)])
     assert found is not None
     assert_close(found.T_keyframe_camera, BESIDE, meters=0.02, degrees=0.5)
+
+
+def test_a_keyframe_with_a_sparse_grid_of_depth_is_recognized(recognizer: PlaceRecognizer) -> None:
+    here, beside = (
+        recognizer.create_query(keep_depth_grid(render_corner(T), 3.0), ZERO_VELOCITY)
+        for T in (HERE, BESIDE)
+    )
+    found = recognizer.recognize(beside, [recognizer.create_keyframe(here, 0, 0, HERE)])
+    assert found is not None
+    assert_close(found.T_keyframe_camera, BESIDE, meters=0.01, degrees=0.3)
 
 
 def test_of_several_keyframes_the_one_in_view_is_recognized(

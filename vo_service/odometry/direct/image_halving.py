@@ -47,6 +47,13 @@ class HalvingOdometry:
         return estimate if scale == 1 else replace(estimate, debug=estimate.debug.scaled(scale))
 
 
+def halve_as_needed(frame: RgbdFrame) -> RgbdFrame:
+    """Return a frame as the odometry takes it, which starts with this frame."""
+    for _ in range(count_halvings(frame)):
+        frame = halve(frame)
+    return frame
+
+
 def count_halvings(frame: RgbdFrame) -> int:
     """How often to halve a frame: until it is small, and as long as the depth covers more by it."""
     halved, count = halve(frame), 0

@@ -14,7 +14,9 @@ from drivers.calibration import (
 )
 from drivers.camera import RgbdCamera, RgbdFrame
 from vo_service.odometry.direct.calibration_equations import TIMING
+from vo_service.odometry.direct.image_halving import HalvingOdometry
 from vo_service.odometry.direct.odometry import DirectOdometry
+from vo_service.odometry.direct.repeated_depth import RepeatedDepthFilter
 from vo_service.odometry.direct.self_calibration import SelfCalibratingOdometry
 from vo_service.tools.calibration.collect_live import read_frames
 from vo_service.tools.calibration.timing import SensorTiming, make_timing
@@ -34,7 +36,8 @@ class TimingMeasurement:
     def __init__(self, calibration: CameraCalibration) -> None:
         self.calibration = calibration
         self.frame_count = 0
-        self._odometry = SelfCalibratingOdometry(DirectOdometry())
+        self._learning = SelfCalibratingOdometry(DirectOdometry())
+        self._odometry = RepeatedDepthFilter(HalvingOdometry(self._learning))
 
     def process_frames(
         self, camera: RgbdCamera, stop: threading.Event, max_duration_s: float = math.inf
@@ -66,7 +69,7 @@ class TimingMeasurement:
     @property
     def timing(self) -> SensorTiming:
         """The timing so far."""
-        learned = self._odometry.calibration
+        learned = self._learning.calibration
         if learned is None:
             return make_timing(0.0, 0.0, *UNKNOWN_TIMING_SIGMAS_S)
         # A certain estimate may be exactly zero, which the mean of a Gaussian is not.

@@ -145,6 +145,17 @@ def remove_depth(frame: RgbdFrame) -> RgbdFrame:
     return replace(frame, depth_raw=np.zeros_like(frame.depth_raw))
 
 
+def keep_depth_grid(frame: RgbdFrame, pitch_px: float) -> RgbdFrame:
+    """Return the frame with the depth of a smaller image that was registered pixel by pixel."""
+    sparse = np.zeros_like(frame.depth_raw)
+    rows, columns = (
+        np.arange(0.3, size - 1, pitch_px).round().astype(int) for size in frame.depth_raw.shape
+    )
+    grid = np.ix_(rows, columns)
+    sparse[grid] = frame.depth_raw[grid]
+    return replace(frame, depth_raw=sparse)
+
+
 def make_empty_frame(frame: RgbdFrame) -> RgbdFrame:
     """Return the frame without color and depth."""
     return remove_color(remove_depth(frame))

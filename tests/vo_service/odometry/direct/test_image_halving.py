@@ -9,6 +9,7 @@ from drivers.camera import PinholeCamera, RgbdFrame
 from tests.vo_service.odometry.direct.rolling_shutter_views import (
     BRISK,
     CAMERA,
+    keep_depth_grid,
     make_empty_frame,
     render_sequence,
     render_view,
@@ -54,17 +55,6 @@ def test_a_pixel_is_every_second_one_with_the_same_ray_and_depth() -> None:
     changed = small.gray[inside].astype(float) - frame.gray[::2, ::2][inside]
     assert abs(changed.mean()) < 0.1
     assert changed.std() < small.gray.std() / 3
-
-
-def keep_depth_grid(frame: RgbdFrame, pitch_px: float) -> RgbdFrame:
-    """Return the frame with the depth of a smaller image that was registered pixel by pixel."""
-    sparse = np.zeros_like(frame.depth_raw)
-    rows, columns = (
-        np.arange(0.3, size - 1, pitch_px).round().astype(int) for size in frame.depth_raw.shape
-    )
-    grid = np.ix_(rows, columns)
-    sparse[grid] = frame.depth_raw[grid]
-    return replace(frame, depth_raw=sparse)
 
 
 @pytest.mark.parametrize("pitch_px", [2.2, 3.0, 4.6])

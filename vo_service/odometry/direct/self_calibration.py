@@ -103,6 +103,8 @@ class SelfCalibratingOdometry:
                 self._learn(frame, estimate)
             else:
                 self._history.interrupt()
+                # The timing that a search has found may be wrong.
+                self._is_search_needed |= needs_search(self._learned.sigmas[TIMING])
             if self._is_search_needed:
                 estimate = self._search_timing(corrected, frame, estimate, before)
         return replace(

@@ -1,11 +1,14 @@
 """Readout and delay are learned from frames that do not tell them."""
 
 from dataclasses import replace
+from itertools import islice
+from pathlib import Path
 
 import numpy as np
 
 from drivers.camera import RgbdFrame, TimingPrior, TimingSource
 from drivers.core.geometry import inverse
+from drivers.registry import open_camera
 from tests.vo_service.odometry.direct.rolling_shutter_views import (
     add_noise,
     remove_color,
@@ -223,3 +226,18 @@ def test_the_motion_relative_to_the_reference_is_continuous_over_the_search() ->
         np.testing.assert_allclose(moved, estimate.T_world_camera, atol=1e-9)
         if estimate.is_next_reference:
             T_world_reference = estimate.T_world_camera
+
+
+def test_the_search_is_repeated_after_a_failure(recordings: Path) -> None:
+    """From this frame on, the first search finds 2 ms of readout and -6 ms of delay."""
+    odometry = SelfCalibratingOdometry(DirectOdometry())
+    with open_camera(f"tum:{recordings / 'room_rolling'}") as camera:
+        frames = islice(camera, 7, 67)
+        estimates = [
+            odometry.estimate(replace(frame, readout_s=0.0, skew_s=0.0, timing_prior=UNKNOWN))
+            for frame in frames
+        ]
+    assert not all(estimate.ok for estimate in estimates)
+    assert all(estimate.ok for estimate in estimates[30:])
+    timing = last_timing(estimates)
+    assert abs(timing.readout_s - 0.02) < 0.006

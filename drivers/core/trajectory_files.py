@@ -38,6 +38,8 @@ ASSUMED_RATE_HZ = 30
 ICL_NUIM_SUFFIX = ".gt.freiburg"
 # Rotation matrices are written with few digits.
 MAX_ROTATION_ERROR = 1e-2
+# Shortest median time between poses whose stamps are taken for nanoseconds.
+MIN_INTERVAL_S = 1e-4
 # Of the median step; cars are slower, and hands move a camera by 100 mm/s and more.
 MAX_SPEED_M_S = 60.0
 # ICL-NUIM's y axes, those of the camera and of the world, point up. That is a left-handed system.
@@ -71,9 +73,14 @@ def read_trajectory_file(path: Path, frames_s: Array | None = None) -> Trajector
         InputError: The file cannot be read or parsed; the message names file and line.
     """
     found = _read_any_format(path, frames_s)
-    if fault := find_speed_fault(found.poses):
-        _log.warning("%s: %s", path, fault)
+    warn_of_speed(path, found.poses)
     return found
+
+
+def warn_of_speed(path: Path, poses: Trajectory) -> None:
+    """Log a warning if the positions of a file cannot be in meters."""
+    if fault := find_speed_fault(poses):
+        _log.warning("%s: %s", path, fault)
 
 
 def find_speed_fault(poses: Trajectory) -> str:
@@ -153,8 +160,15 @@ def _read_nanoseconds(path: Path, rows: Sequence[Row]) -> TrajectoryFile:
             raise InputError(f"{where}: {words[0]!r} is not a stamp in nanoseconds") from error
         ordered = [words[i] for i in order]
         poses.append((where, *parse_pose([str(stamp), *ordered[1:]], where)))
+    trajectory = make_trajectory(poses)
+    interval_s = np.median(np.diff(trajectory.stamps_s)) if len(poses) > 1 else np.inf
+    if interval_s < MIN_INTERVAL_S:
+        raise InputError(
+            f"{path}: its stamps are neither seconds nor nanoseconds, which would be "
+            f"{1e9 * interval_s:.0f} ns apart; write them in seconds"
+        )
     first = "EuRoC format: nanoseconds, quaternion w x y z" if has_commas else "nanoseconds"
-    return TrajectoryFile(make_trajectory(poses), f"{first}; poses are used as they are")
+    return TrajectoryFile(trajectory, f"{first}; poses are used as they are")
 
 
 def _read_kitti(path: Path, rows: Sequence[Row], frames_s: Array | None) -> TrajectoryFile:

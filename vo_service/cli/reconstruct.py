@@ -15,6 +15,7 @@ from drivers.core.geometry import (
     has_match,
     read_trajectory,
 )
+from drivers.core.trajectory_files import warn_of_speed
 from drivers.core.write_errors import create_output_folder
 from drivers.playback.camera import RecordingCamera
 from drivers.recording.recording import Recording as OpenRecording
@@ -184,6 +185,7 @@ def _make_volume(request: ReconstructionRequest) -> TsdfVolume:
 def _read_poses(trajectory: Path, recording: OpenRecording) -> Trajectory:
     """Read the poses of a recording; raise InputError if they belong to another one."""
     poses = read_trajectory(trajectory)
+    warn_of_speed(trajectory, poses)
     frames_s = recording.frames.stamps_s
     if not has_match(frames_s, poses.stamps_s).any():
         raise InputError(

@@ -164,3 +164,12 @@ def test_positions_in_millimeters_are_named(
     file.write_text("".join(lines))
     read_trajectory_file(file)
     assert ("groundtruth.txt: the camera moves at 300 m/s" in caplog.text) is is_named
+
+
+@pytest.mark.parametrize("per_s", [1e12, 1e15])  # of stamps like 1.3e9 s
+def test_stamps_in_other_units_are_no_nanoseconds(tmp_path: Path, per_s: float) -> None:
+    file = tmp_path / "poses.txt"
+    unit = per_s / 1e9
+    file.write_text("".join(f"{(1.3e9 + n / 30) * unit:.0f} 0 0 0 0 0 0 1\n" for n in range(9)))
+    with pytest.raises(InputError, match=r"poses\.txt: its stamps are neither seconds nor nanosec"):
+        read_trajectory_file(file)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from drivers.camera import RgbdFrame
-from drivers.core.geometry import Array, read_trajectory
+from drivers.core.geometry import Array, Trajectory, format_trajectory, read_trajectory
 from tests.conftest import FRAMES
 from tests.full_disk import limit_file_size
 from tests.vo_service.cli.cli_runner import KinectVo, assert_one_line, documented_json_keys
@@ -161,6 +161,20 @@ def test_a_trajectory_of_another_recording_is_refused(
     assert_one_line(outcome, 2, f"{other}: has no pose within 20 ms of any frame of {recording}")
     assert "(poses 500.000..500.100 s, frames 0.000..0.367 s)" in outcome.err
     assert not (tmp_path / "output").exists()
+
+
+def test_poses_in_millimeters_are_named(
+    recording: Path, tmp_path: Path, kinect_vo: KinectVo
+) -> None:
+    poses = read_trajectory(recording / "groundtruth.txt")
+    T_world_camera = poses.T_world_camera.copy()
+    T_world_camera[:, 0, 3] += 1000.0 * poses.stamps_s
+    file = tmp_path / "poses.txt"
+    file.write_bytes(format_trajectory(Trajectory(poses.stamps_s, T_world_camera)))
+    outcome = kinect_vo(
+        "reconstruct", recording, file, "--output", tmp_path / "map", "--voxel-m", "0.2"
+    )
+    assert f"{file}: the camera moves at" in outcome.err
 
 
 def test_a_recording_without_depth_is_refused(

@@ -27,13 +27,14 @@ def open_tum_folder(folder: Path, camera_file: Path | None) -> Recording:
     truth, note = read_ground_truth(folder, frames.stamps_s)
     file = camera_file or folder / CAMERA_FILE_NAME
     source = f"camera file {file}" if file.exists() else "the TUM benchmark's, by the folder's name"
+    unpaired = f"{folder}: images without a partner: {frames.unpaired}" if frames.unpaired else ""
     recording = Recording(
         folder,
         frames,
         camera,
         truth,
         read_accelerometer(folder),
-        summary=note,
+        summary="; ".join(part for part in (note, unpaired) if part),
         intrinsics_source=source,
         depth_unit_source=source,
     )

@@ -140,3 +140,14 @@ def test_images_unlike_the_camera_file_are_refused(make_folder: FolderMaker) -> 
     text = (folder / "camera.toml").read_text()
     (folder / "camera.toml").write_text(text.replace("width = 64", "width = 80"))
     assert "the image is 64x48 but the camera is 80x48" in complaint(folder)
+
+
+def test_images_without_a_partner_are_named(make_folder: FolderMaker) -> None:
+    folder = make_folder(count=4, skew_s=0.005)
+    assert open_tum_folder(folder, None).summary == ""
+    depth = (folder / "depth.txt").read_text().splitlines()
+    (folder / "depth.txt").write_text("\n".join(depth[:3]))
+    unpaired = open_tum_folder(folder, None).frames.unpaired
+    assert (
+        open_tum_folder(folder, None).summary == f"{folder}: images without a partner: {unpaired}"
+    )

@@ -1,4 +1,4 @@
-"""Signals: SIGINT and SIGTERM request a clean end, SIGHUP requests a reload.
+"""Signals: SIGINT and SIGTERM request a clean end, and so does SIGHUP if it is no reload request.
 
 The work runs on a thread of its own; the main thread handles the signals.
 """
@@ -40,7 +40,7 @@ class InterruptedBySignal(KeyboardInterrupt):
 
 
 class StopSignal:
-    """A stop request, set by the first SIGINT or SIGTERM. A SIGINT after that interrupts at once.
+    """A stop request, set by the first signal. A SIGINT after that interrupts at once.
 
     Attributes:
         event: Set once a stop is requested.
@@ -54,7 +54,7 @@ class StopSignal:
         self._may_raise = True
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
-        """Handle a signal: the handler of SIGINT and SIGTERM."""
+        """Handle a signal."""
         if self.exit_code and number == signal.SIGINT:
             if not self._may_raise:
                 os._exit(self.exit_code)
@@ -100,9 +100,14 @@ def _handle(handler: Callable[[int, FrameType | None], None], *numbers: int) -> 
 
 @contextmanager
 def stop_on_signals() -> Iterator[StopSignal]:
-    """Handle SIGINT and SIGTERM as a stop request while the block runs."""
+    """Handle SIGINT, SIGTERM and SIGHUP as a stop request while the block runs.
+
+    SIGHUP stays ignored if it was, as by nohup.
+    """
     stop = StopSignal()
-    with _handle(stop, signal.SIGINT, signal.SIGTERM):
+    is_hangup_ignored = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    hangup = () if is_hangup_ignored else (signal.SIGHUP,)
+    with _handle(stop, signal.SIGINT, signal.SIGTERM, *hangup):
         yield stop
 
 

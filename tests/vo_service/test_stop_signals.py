@@ -17,13 +17,23 @@ from vo_service.signals import (
 )
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)]
+)
 def test_a_signal_sets_the_stop_event(number: signal.Signals, code: int) -> None:
     with stop_on_signals() as stop:
         assert not stop.event.is_set()
         os.kill(os.getpid(), number)
         assert stop.event.wait(100)
     assert stop.exit_code == code
+
+
+def test_a_hangup_that_nohup_ignores_stays_ignored() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    with stop_on_signals() as stop:
+        os.kill(os.getpid(), signal.SIGHUP)
+        assert not stop.event.wait(0.05)
+    signal.signal(signal.SIGHUP, before)
 
 
 def test_a_second_ctrl_c_interrupts_at_once() -> None:
@@ -69,7 +79,9 @@ def test_afterwards_the_signal_handlers_are_restored() -> None:
     assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == before
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)]
+)
 def test_a_check_raises_after_a_stop_request(number: signal.Signals, code: int) -> None:
     with stop_on_signals() as stop:
         stop.check()

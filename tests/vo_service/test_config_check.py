@@ -54,6 +54,10 @@ def test_all_defaults_are_valid(tmp_path: Path) -> None:
         ('[ros2]\nmap_frame_id = "odom"', "'odom' is empty or the name of another frame"),
         ('[zenoh]\nlisten = ["tcp/[::1]:1", "tcp/[::1]:1"]', "has the same endpoint twice"),
         ('[outputs]\nmcap = "a.txt"', "a.txt: the file name must end in .mcap"),
+        (
+            '[outputs]\nmcap = "/none/a.mcap"',
+            "/none/a.mcap: cannot be written: there is no folder /none; create it",
+        ),
         ('[outputs]\nextra = ["email"]', "output 'email' is unknown"),
         ('[camera]\nsource = "bag:none.mcap"', "none.mcap: no such file"),
         ("[T_base_camera]\nquaternion_xyzw = [0, 0, 0, 2]", "must have length 1"),

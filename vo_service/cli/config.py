@@ -24,6 +24,7 @@ from drivers.core.config import (
 from drivers.core.files import check_suffix, check_writable
 from drivers.core.folders import state_folder
 from drivers.core.geometry import read_trajectory
+from drivers.core.write_errors import check_output_file
 from vo_service.cli.request import CommandRequest, argument
 from vo_service.config import CameraConfig, Config
 from vo_service.config_tables import RecorderConfig, RerunConfig
@@ -103,6 +104,7 @@ def _check_parts(config: Config) -> Iterator[str]:
     if config.outputs.mcap is not None:
         with _errors_of("outputs", "mcap"):
             check_suffix(config.outputs.mcap, [".mcap"])
+            check_output_file(config.outputs.mcap)
     if config.map.enabled and config.map.load is not None:
         if config.map.loop_closure:
             yield from _check_map(config.map.load)

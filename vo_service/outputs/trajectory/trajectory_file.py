@@ -5,11 +5,13 @@ import logging
 import math
 import os
 from contextlib import suppress
+from io import FileIO
 from pathlib import Path
 
 import numpy as np
 
 from drivers.camera import PlaybackMode
+from drivers.core.errors import InputError
 from drivers.core.files import atomic_write
 from drivers.core.geometry import Array, Trajectory, format_pose_line
 from drivers.core.queues import BlockingQueue, BoundedQueue, DropOldestQueue
@@ -25,6 +27,22 @@ logger = logging.getLogger(__name__)
 CLOSE_TIMEOUT_S = 2.0
 # Limit of lines in the queue of a slow disk: five minutes.
 MAX_QUEUED_LINES = 9000
+
+
+def _open_without_waiting(path: Path) -> FileIO:
+    """Create or empty a file; a pipe that nothing reads would wait for its reader."""
+
+    def open_nonblocking(name: str, flags: int) -> int:
+        return os.open(name, flags | os.O_NONBLOCK, 0o666)
+
+    try:
+        file = FileIO(path, "wb", opener=open_nonblocking)
+    except OSError as error:
+        if error.errno != errno.ENXIO:
+            raise
+        raise InputError(f"{path}: nothing reads this pipe; start its reader first") from error
+    os.set_blocking(file.fileno(), True)
+    return file
 
 
 def open_trajectory(path: str, playback_mode: PlaybackMode) -> "TrajectoryFileOutput":
@@ -65,7 +83,7 @@ class TrajectoryFileOutput(FileOutput[bytes]):
         self._size = 0
         self._last_stamp_s, self._is_rising = -math.inf, True
         with creating(path):
-            self._file = path.open("wb", buffering=0)
+            self._file = _open_without_waiting(path)
         self._start("trajectory", line_queue)
 
     def on_update(self, update: OdometryUpdate) -> None:

@@ -49,6 +49,23 @@ def test_lines_are_on_disk_before_close(tmp_path: Path) -> None:
     output.close()
 
 
+def test_a_pipe_that_nothing_reads_is_refused_at_once(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(InputError, match="pipe: nothing reads this pipe; start its reader first"):
+        TrajectoryFileOutput(tmp_path / "pipe", BlockingQueue(8))
+
+
+def test_the_reader_of_a_pipe_gets_the_lines(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    output = TrajectoryFileOutput(pipe, BlockingQueue(8))
+    output.on_update(make_update(0))
+    output.close()
+    assert os.read(reader, 1000).count(b"\n") == 1
+    os.close(reader)
+
+
 def test_an_older_file_is_truncated_at_the_start(tmp_path: Path) -> None:
     path = tmp_path / "out.txt"
     path.write_text("old")

@@ -63,8 +63,8 @@ examples:
   kinect-vo run --camera synthetic                      as a service, until Ctrl-C
   kinect-vo listen                                      prints its poses, in another terminal
 
-exit codes: 0 success; 1 failed while running; 2 wrong input (an argument, a file, a key); 130 or
-143 stopped by Ctrl-C or SIGTERM, with the results so far.
+exit codes: 0 success; 1 failed while running; 2 wrong input (an argument, a file, a key); 130, 143
+or 129 stopped by Ctrl-C, SIGTERM or the end of the terminal, with the results so far.
 """
 
 
@@ -132,7 +132,10 @@ class _NamedStandardOutput:
 
     def write(self, text: str) -> int:
         with _naming_standard_output():
-            return self._stream.write(text)
+            try:
+                return self._stream.write(text)
+            except UnicodeEncodeError:  # the terminal's encoding lacks a character of a path
+                return self._stream.write(_escape(text, self._stream.encoding))
 
     def flush(self) -> None:
         with _naming_standard_output():
@@ -140,6 +143,11 @@ class _NamedStandardOutput:
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._stream, name)
+
+
+def _escape(text: str, encoding: str) -> str:
+    """Escape the characters that an encoding lacks."""
+    return text.encode(encoding, errors="backslashreplace").decode(encoding)
 
 
 @contextmanager

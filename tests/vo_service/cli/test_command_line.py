@@ -165,6 +165,19 @@ def test_only_an_error_of_standard_output_is_said_to_be_one(
 
 
 @pytest.mark.subprocess
+def test_a_path_that_the_terminal_cannot_show_is_escaped(recording: Path, tmp_path: Path) -> None:
+    target = tmp_path / "\xe9.mcap"
+    done = subprocess.run(
+        [KINECT_VO, "convert", recording, target],
+        env=os.environ | {"PYTHONIOENCODING": "ascii"},
+        capture_output=True, timeout=100, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0
+    assert rb"\xe9.mcap (mcap)" in done.stdout
+    assert target.exists()
+
+
+@pytest.mark.subprocess
 def test_a_removed_current_folder_is_named(tmp_path: Path) -> None:
     arguments = ("replay", "/", "--no-publish", "--trajectory", "poses.txt")
     done = _in_shell(f"cd {tmp_path} && rmdir {tmp_path}", *arguments)

@@ -32,13 +32,18 @@ def write_report(
     for name, table in {**tables, "paper": paper_table(results)}.items():
         file = folder / f"{name}.csv"
         if table.rows:
-            atomic_write(file, table.as_csv().encode())
+            atomic_write(file, _encode(table.as_csv()))
         else:  # there may be one of an earlier report
             file.unlink(missing_ok=True)
     content = json.dumps(report_content(metadata, results), indent=2)
     atomic_write(folder / DATA_FILE, f"{content}\n".encode())
-    atomic_write(folder / CONFIG_FILE, metadata.config_text.encode())
-    atomic_write(folder / PAGE_FILE, render_page(metadata, results, figures).encode())
+    atomic_write(folder / CONFIG_FILE, _encode(metadata.config_text))
+    atomic_write(folder / PAGE_FILE, _encode(render_page(metadata, results, figures)))
+
+
+def _encode(text: str) -> bytes:
+    """Encode a text as UTF-8; bytes of a folder's name that are none are escaped."""
+    return text.encode(errors="backslashreplace")
 
 
 def _draw_figures(

@@ -217,3 +217,9 @@ def test_the_rpe_is_also_given_without_pauses() -> None:
     assert describe_rpe_without_gaps(results) == (
         " Without the pauses, the RPE of one frame is 1.0 mm for surf."
     )
+
+
+def test_a_folder_whose_name_is_no_text_has_a_report(tmp_path: Path) -> None:
+    recording = make_recording("d\udce9")
+    write_report(tmp_path, METADATA, [make_results(recording, surf=CRASH)], Terminal())
+    assert r"d\udce9" in (tmp_path / "report.html").read_text()

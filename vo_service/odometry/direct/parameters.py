@@ -253,7 +253,7 @@ CALIBRATION_CHANGE_SIGMAS = 3.5
 # A learned value is used if the last ones together fit better with it, by this much of the negative
 # log-likelihood each: a needed timing gains 0.2 (redkitchen) to 1 (room_rolling), and of a global
 # shutter (room_desk) it is 0.00 +- 0.03.
-TRIAL_INTERVAL = 12
+TRIAL_INTERVAL = 30
 NUM_TRIAL_FRAMES = 4
 MIN_TRIAL_GAIN = 0.02
 # The search for the timing takes at most this many frames.

@@ -39,6 +39,7 @@ from benchmarks.tracking import (
 from benchmarks.virtual_sensors import correlated_noise
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.tum.folder import open_tum_folder
+from tests.vo_service.odometry.direct.rolling_shutter_views import keep_depth_grid
 from vo_service.odom_frame import OdomFrame
 from vo_service.odometry.direct.image_halving import halve
 from vo_service.odometry.features.parameters import SurfParameters
@@ -256,22 +257,12 @@ def make_other_sensors() -> Mapping[str, FrameChange]:
             for sigma_per_m in (0.006, 0.01)
             for blur_px in (3, 6, 12)
         },
-        "grid of depth, 2.2 px": partial(_keep_depth_grid, 2.2),
-        "grid of depth, 4 px": partial(_keep_depth_grid, 4.0),
-        "twice the size, grid 2 px": lambda frame: _keep_depth_grid(2.0, _double(frame)),
+        "grid of depth, 2.2 px": partial(keep_depth_grid, pitch_px=2.2),
+        "grid of depth, 4 px": partial(keep_depth_grid, pitch_px=4.0),
+        "twice the size, grid 2 px": lambda frame: keep_depth_grid(_double(frame), 2.0),
         "half of depth missing": _drop_half_of_depth,
         "each depth image twice": _DepthRepeater().repeat,
     }
-
-
-def _keep_depth_grid(pitch_px: float, frame: RgbdFrame) -> RgbdFrame:
-    """Keep only the depth of a grid of pixels."""
-    grid = np.ix_(
-        *(np.arange(0.3, size - 1, pitch_px).round().astype(int) for size in frame.depth_raw.shape)
-    )
-    depth_raw = np.zeros_like(frame.depth_raw)
-    depth_raw[grid] = frame.depth_raw[grid]
-    return replace(frame, depth_raw=depth_raw)
 
 
 def _drop_half_of_depth(frame: RgbdFrame) -> RgbdFrame:

@@ -11,10 +11,10 @@ image, bands of rows, columns) stand beside their arrays.
 # Images with a longer side than this are halved before all else. A plane is fitted to a window of
 # pixels, small in a large image: room_rolling at 1280x960 is off by 464 mm, halved by 5 mm.
 MAX_IMAGE_PX = 960
-# So are those whose depth covers this many times as much of the halved image: depth is a grid with
-# holes where a smaller depth image is registered to a larger color image, pixel by pixel. It is at
-# most 1.14 of sensors at hand; with 1.5, half of room_rolling's pixels without depth cost 355 mm
-# instead of 5.
+# Images are also halved if depth then covers this many times as much of them: it is a grid with
+# holes where a smaller depth image is registered to a larger color image, pixel by pixel. The gain
+# is at most 1.14 for sensors at hand; with a limit of 1.5, room_rolling with half of its depth
+# pixels missing is off by 355 mm instead of 5.
 MIN_COVERAGE_GAIN = 1.2
 # Smaller levels than this are omitted, except the largest one.
 MIN_IMAGE_PX = 12

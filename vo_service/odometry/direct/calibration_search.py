@@ -11,6 +11,7 @@ import numpy as np
 
 from drivers.core.geometry import Array
 from vo_service.odometry.direct.alignment import align, uniform_weights
+from vo_service.odometry.direct.covariance import estimate_uncertainty
 from vo_service.odometry.direct.image_pyramid import CELL_COLUMNS, CELL_ROWS, ImagePyramid
 from vo_service.odometry.direct.keyframe import DirectKeyframe, make_keyframe
 from vo_service.odometry.direct.keyframe_correction import (
@@ -56,6 +57,7 @@ class TimingHypothesis:
         self._keyframe = replace(keyframe, images=images)
         self.motion_state = MotionState.at_rest(keyframe.T_world_keyframe, images.stamp_s)
         self.scores: list[float] = []
+        self._last: tuple[ImagePyramid, TrackingResult] | None = None  # frame and its alignment
         self.poses: list[Pose] = [(keyframe.images.stamp_s, keyframe.T_world_keyframe)]
 
     @property
@@ -63,10 +65,22 @@ class TimingHypothesis:
         """(6,) twist of the camera at the first frame, in its own axes, m/s and rad/s."""
         return velocity_at(self.poses[:NUM_VELOCITY_POSES], 0)
 
+    @property
+    def is_well_constrained(self) -> bool:
+        """Whether the last frame was tracked, and shows more than one plane."""
+        if self._last is None:
+            return False
+        images, result = self._last
+        uncertainty = estimate_uncertainty(
+            result.keyframe.points, images, result.alignment, result.prior, np.zeros(2)
+        )
+        return not (rejection_reason(result.alignment) or uncertainty.is_one_plane)
+
     def track(self, images: ImagePyramid) -> None:
         """Align the next frame with the keyframe."""
         images = replace(images, shutter=correct_shutter(images.shutter, self.correction))
         result = self._align(images)
+        self._last = images, result
         if rejection_reason(result.alignment):
             self.scores.append(0.0)
             return

@@ -134,6 +134,11 @@ class DirectOdometry:
         return self._track.motion_state.velocity if self._track else np.zeros(6)
 
     @property
+    def well_constrained_stamp_s(self) -> float:
+        """Stamp of the last frame that constrained all degrees of freedom; -inf at the start."""
+        return self._track.motion_state.well_constrained_stamp_s if self._track else -np.inf
+
+    @property
     def T_world_camera(self) -> Array:
         """4x4 pose of the last good frame."""
         return self._T_world_camera

@@ -213,7 +213,11 @@ class SelfCalibratingOdometry:
             constant_velocity_motion(best.velocity_of_first),
             ALL_STATIC,
         )
-        self._tracker.continue_from([keyframe], keyframe, best.motion_state, is_reference)
+        motion_state = best.motion_state
+        if not best.is_well_constrained:
+            stamp_s = self._tracker.well_constrained_stamp_s
+            motion_state = replace(motion_state, well_constrained_stamp_s=stamp_s)
+        self._tracker.continue_from([keyframe], keyframe, motion_state, is_reference)
         self._history.clear()
         for stamp_s, T_world_camera in best.poses:
             view = TrackedView(stamp_s, images.shutter, calibration, T_world_camera)

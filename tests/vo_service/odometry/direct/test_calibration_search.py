@@ -6,7 +6,15 @@ import numpy as np
 
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array
-from tests.vo_service.odometry.direct.rolling_shutter_views import remove_color, remove_depth
+from tests.vo_service.odometry.direct.rolling_shutter_views import (
+    BRISK,
+    WALL,
+    add_noise,
+    make_empty_frame,
+    remove_color,
+    remove_depth,
+    render_view,
+)
 from tests.vo_service.odometry.direct.swinging_camera import DELAY_S, READOUT_S, swinging_frames
 from vo_service.odometry.direct.calibration_search import TimingSearch, TimingSearchResult
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC, build_image_pyramid
@@ -62,6 +70,24 @@ def test_degraded_views_tell_a_timing_only_if_it_fits_much_better() -> None:
     assert found.is_degraded
     assert not replace(found, score_gain=SUFFICIENT_SEARCH_SCORE_GAIN - 0.1).is_clear
     assert replace(found, score_gain=SUFFICIENT_SEARCH_SCORE_GAIN + 0.1).is_clear
+
+
+def test_a_bare_wall_does_not_constrain_the_motion() -> None:
+    wall = [add_noise(render_view(BRISK, k / 30, (WALL,), paint=0.0), k) for k in range(4)]
+    room = swinging_frames(READOUT_S, DELAY_S)[:4]
+    for frames, is_well_constrained in ((wall, False), (room, True)):
+        search = begin_search(frames[0])
+        for frame in frames[1:]:
+            search.add(build_image_pyramid(frame))
+        assert search.track_with(np.zeros(2)).is_well_constrained == is_well_constrained
+
+
+def test_a_view_without_the_keyframe_does_not_constrain_the_motion() -> None:
+    first = swinging_frames(READOUT_S, DELAY_S)[0]
+    search = begin_search(first)
+    assert not search.hypotheses[0].is_well_constrained
+    search.add(build_image_pyramid(make_empty_frame(first)))
+    assert not search.hypotheses[0].is_well_constrained
 
 
 def test_only_the_uncertain_value_is_searched_for() -> None:

@@ -5,6 +5,7 @@ from itertools import islice
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from drivers.camera import RgbdFrame, TimingPrior, TimingSource
 from drivers.core.geometry import inverse
@@ -22,7 +23,9 @@ from tests.vo_service.odometry.direct.swinging_camera import (
     SwingingCamera,
     swinging_frames,
 )
+from vo_service.odometry.direct.calibration_search import TimingHypothesis
 from vo_service.odometry.direct.motion import se3_log
+from vo_service.odometry.direct.motion_state import MotionState
 from vo_service.odometry.direct.odometry import DirectOdometry
 from vo_service.odometry.direct.self_calibration import SelfCalibratingOdometry
 from vo_service.odometry.registry import make_odometry
@@ -38,6 +41,23 @@ def last_timing(estimates: list[Estimate]) -> OnlineTiming:
     timing = estimates[-1].timing
     assert timing is not None
     return timing
+
+
+def test_a_search_in_a_degenerate_view_makes_no_view_a_well_constrained_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Else the next frames would be extrapolated with a velocity that nothing constrains."""
+    states: list[MotionState] = []
+    monkeypatch.setattr(TimingHypothesis, "is_well_constrained", False)
+    monkeypatch.setattr(DirectOdometry, "well_constrained_stamp_s", -1.0)
+    monkeypatch.setattr(
+        DirectOdometry,
+        "continue_from",
+        lambda self, keyframes, active, *state: states.extend(state),
+    )
+    learn(swinging_frames(READOUT_S, DELAY_S)[:10])
+    assert states[0].well_constrained_stamp_s == -1.0
+    assert states[0].stamp_s > 0.0
 
 
 def position_error_m(estimates: list[Estimate]) -> float:

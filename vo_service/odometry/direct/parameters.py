@@ -41,8 +41,10 @@ MAX_NOISE_STEP_PER_M = 0.03
 POINT_BLOCKS = (64, 54, 27, 20)
 # The same of the profile `small`, for a small board: half the points, and a level less.
 SMALL_POINT_BLOCKS = (46, 40, 20)
-# Smallest brightness gradient of a point with texture, gray levels per pixel: 3 sigma of the noise.
-MIN_TEXTURE_GRADIENT = 3.0
+# Smallest brightness gradient of a point with texture, as a multiple of the noise of a pixel; and
+# its range, gray levels per pixel.
+MIN_TEXTURE_SIGMAS = 3.0
+MIN_TEXTURE_GRADIENTS = (3.0, 6.0)
 # Interpolated brightness has the error of an image shifted by this many pixels.
 INTERPOLATION_PX = 0.15
 # The plane around a point is fitted to depth pixels up to this far away in both directions,

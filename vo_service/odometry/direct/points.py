@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from drivers.core.geometry import Array
 from drivers.core.jit import inline_kernel, kernel
 from vo_service.odometry.depth_planes import fit_plane
+from vo_service.odometry.direct.brightness_noise import measure_brightness_noise
 from vo_service.odometry.direct.image_pyramid import (
     ImagePyramid,
     LevelImages,
@@ -35,7 +36,8 @@ from vo_service.odometry.direct.parameters import (
     MAX_SAME_SURFACE_RATIO,
     MIN_DEPTH_M,
     MIN_PLANE_SUPPORT,
-    MIN_TEXTURE_GRADIENT,
+    MIN_TEXTURE_GRADIENTS,
+    MIN_TEXTURE_SIGMAS,
     PLANE_RADIUS_PX,
     PLANE_STEP_PX,
 )
@@ -73,8 +75,6 @@ NUM_SAMPLE_COLUMNS = 8
 OCCLUDED = 1.0
 # Depth pixels that a plane is fitted to, to either side.
 PLANE_RADIUS_STEPS = PLANE_RADIUS_PX // PLANE_STEP_PX
-# The smallest gradient of texture, as the squared change over two pixels.
-MIN_SQUARED_CHANGE = np.int32(np.ceil((2.0 * MIN_TEXTURE_GRADIENT) ** 2))
 
 
 def select_points(
@@ -92,10 +92,26 @@ def select_points(
         frame's stamp. Columns are contiguous (Fortran order), so that the compiler vectorizes loops
         over points.
     """
+    noise = measure_brightness_noise(images.gray[0])
+    sizes_px = images.point_blocks_px
     return drop_sparse_levels(
-        np.asfortranarray(_select_level(level_images, block_px, motion, is_static))
-        for level_images, block_px in zip(images.levels, images.point_blocks_px, strict=False)
+        np.asfortranarray(
+            _select_level(
+                level_images,
+                sizes_px[level],
+                motion,
+                is_static,
+                smallest_gradient(noise * 0.5**level),
+            )
+        )
+        for level, level_images in enumerate(images.levels)
     )
+
+
+def smallest_gradient(noise: float) -> float:
+    """Smallest brightness gradient of texture, gray levels per pixel, by the noise of a pixel."""
+    smallest, largest = MIN_TEXTURE_GRADIENTS
+    return float(min(max(MIN_TEXTURE_SIGMAS * noise, smallest), largest))
 
 
 def drop_sparse_levels(levels: Iterable[Array]) -> tuple[Array, ...]:
@@ -109,7 +125,11 @@ def drop_sparse_levels(levels: Iterable[Array]) -> tuple[Array, ...]:
 
 @kernel
 def _select_level(
-    images: LevelImages, block: int, motion: Array, is_static: NDArray[np.bool_]
+    images: LevelImages,
+    block: int,
+    motion: Array,
+    is_static: NDArray[np.bool_],
+    min_gradient: float,
 ) -> Array:
     """(N, COLUMNS) points of one level, at most one per block of `block` pixels."""
     # Fields of a tuple cost time in a loop.
@@ -118,10 +138,13 @@ def _select_level(
     scale = depth_intrinsics[0] / intrinsics[0]
     rows, columns = height // block, width // block
     points, count = np.empty((rows * columns, NUM_POINT_COLUMNS)), 0
-    squared = _squared_gradients(gray)
+    # Squared changes over two pixels.
+    squared, min_squared = _squared_gradients(gray), int(np.ceil((2.0 * min_gradient) ** 2))
     for i in range(rows):
         for j in range(columns):
-            u, v, gu, gv = _find_steepest_pixel(gray, squared, j * block, i * block, block)
+            u, v, gu, gv = _find_steepest_pixel(
+                gray, squared, min_squared, j * block, i * block, block
+            )
             if u < 0 or not is_static[cell_index(u / width, v / height)]:
                 continue
             point = points[count]
@@ -154,8 +177,7 @@ def _describe_texture(
     """
     point[POINT_BRIGHTNESS] = brightness
     squared = gu * gu + gv * gv
-    has_texture = squared >= MIN_TEXTURE_GRADIENT * MIN_TEXTURE_GRADIENT
-    point[HAS_TEXTURE] = 1.0 if has_texture else 0.0
+    point[HAS_TEXTURE] = 1.0 if squared > 0.0 else 0.0
     point[POINT_BRIGHTNESS_VARIANCE] = squared * (INTERPOLATION_PX / scale) ** 2
     x, y, z = point[POINT_X], point[POINT_X + 1], point[POINT_X + 2]
     fx, fy = intrinsics[0] / z, intrinsics[1] / z
@@ -180,7 +202,12 @@ def _squared_gradients(gray: NDArray[np.uint8]) -> NDArray[np.int32]:
 
 @inline_kernel
 def _find_steepest_pixel(
-    gray: NDArray[np.uint8], squared: NDArray[np.int32], left: int, top: int, block: int
+    gray: NDArray[np.uint8],
+    squared: NDArray[np.int32],
+    min_squared: int,
+    left: int,
+    top: int,
+    block: int,
 ) -> tuple[int, int, float, float]:
     """Pixel u, v of a block, and its gradient; the center without texture, -1 at the border."""
     height, width = gray.shape
@@ -188,7 +215,7 @@ def _find_steepest_pixel(
     best_u, best_v = left + center, top + center
     if best_u < 1 or best_v < 1 or best_u >= width - 1 or best_v >= height - 1:
         return -1, -1, 0.0, 0.0
-    has_texture, largest = False, MIN_SQUARED_CHANGE
+    has_texture, largest = False, min_squared
     for v in range(max(top, 1), min(top + block, height - 1)):
         for u in range(max(left, 1), min(left + block, width - 1)):
             if squared[v, u] >= largest:

@@ -232,7 +232,7 @@ def measure_other_sensors(args: argparse.Namespace) -> None:
 
     Images have other sizes; inverse depth has more noise, which neighbors share as with stereo; a
     smaller depth image is registered to the color image pixel by pixel, which leaves a grid with
-    holes; or depth is half as fast as color.
+    holes; depth is half as fast as color; or the room is dark.
     "lost" are the frames without a pose.
     """
     for method in SENSOR_METHODS:
@@ -262,7 +262,16 @@ def make_other_sensors() -> Mapping[str, FrameChange]:
         "twice the size, grid 2 px": lambda frame: keep_depth_grid(_double(frame), 2.0),
         "half of depth missing": _drop_half_of_depth,
         "each depth image twice": _DepthRepeater().repeat,
+        "in the dark": _darken,
+        "in the dark, noise 0.004 1/m": lambda frame: _add_noise(0.004, 3.0, _darken(frame)),
     }
+
+
+def _darken(frame: RgbdFrame) -> RgbdFrame:
+    """Reduce the light to 12 %, with the noise of a camera in the dark."""
+    noise = np.random.default_rng([7, frame.seq]).normal(0.0, 4.0, frame.color_bgr.shape)
+    color = np.clip(0.12 * frame.color_bgr + noise, 0.0, 255.0).astype(np.uint8)
+    return replace(frame, color_bgr=color)
 
 
 def _drop_half_of_depth(frame: RgbdFrame) -> RgbdFrame:

@@ -42,7 +42,7 @@ POINT_BLOCKS = (64, 54, 27, 20)
 # The same of the profile `small`, for a small board: half the points, and a level less.
 SMALL_POINT_BLOCKS = (46, 40, 20)
 # Smallest brightness gradient of a point with texture, as a multiple of the noise of a pixel; and
-# its range, gray levels per pixel.
+# its range, gray levels per pixel: where all is texture, as on a carpet, it passes for noise.
 MIN_TEXTURE_SIGMAS = 3.0
 MIN_TEXTURE_GRADIENTS = (3.0, 6.0)
 # Interpolated brightness has the error of an image shifted by this many pixels.

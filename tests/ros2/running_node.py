@@ -7,6 +7,7 @@ import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from itertools import takewhile
 from pathlib import Path
 
 from tests.waiting import wait_until
@@ -84,8 +85,8 @@ class Reader:
     messages: dict[str, list[bytes]] = field(default_factory=dict)
 
     def collect(self, lines: Iterator[str]) -> None:
-        """Collect the messages until the reader ends."""
-        for line in lines:
+        """Collect the messages until the reader ends; one that is killed leaves half a line."""
+        for line in takewhile(lambda line: line.endswith("\n"), lines):
             topic, payload = line.split()
             self.messages.setdefault(topic, []).append(bytes.fromhex(payload))
 

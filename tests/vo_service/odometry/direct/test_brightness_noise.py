@@ -9,7 +9,10 @@ from numpy.typing import NDArray
 
 from drivers.camera import RgbdFrame
 from tests.vo_service.odometry.direct.rolling_shutter_views import WALL, add_noise, render_view
+from vo_service.odometry.direct import points
 from vo_service.odometry.direct.brightness_noise import measure_brightness_noise
+from vo_service.odometry.direct.image_pyramid import ALL_STATIC, build_image_pyramid
+from vo_service.odometry.direct.motion import zero_motion
 from vo_service.odometry.direct.odometry import DirectOdometry
 from vo_service.odometry.direct.parameters import MIN_TEXTURE_GRADIENTS, MIN_TEXTURE_SIGMAS
 from vo_service.odometry.direct.points import smallest_gradient
@@ -43,6 +46,16 @@ def test_texture_is_steeper_than_the_noise_within_limits() -> None:
     between = 0.5 * (smallest + largest) / MIN_TEXTURE_SIGMAS
     gradients = [smallest_gradient(noise) for noise in (0.0, between, 100.0)]
     assert gradients == [smallest, 0.5 * (smallest + largest), largest]
+
+
+def test_half_the_size_has_half_the_noise(monkeypatch: pytest.MonkeyPatch) -> None:
+    images, counts = build_image_pyramid(render_view(paint=0.2)), []
+    for noise in (0.0, 2.0):
+        monkeypatch.setattr(points, "measure_brightness_noise", lambda gray, noise=noise: noise)
+        levels = points.select_points(images, zero_motion(), ALL_STATIC)
+        counts.append([int(level[:, points.HAS_TEXTURE].sum()) for level in levels])
+    assert counts[1][0] < counts[0][0]
+    assert counts[1][1:] == counts[0][1:]
 
 
 def in_the_dark(frame: RgbdFrame) -> RgbdFrame:

@@ -42,9 +42,11 @@ def test_a_bare_wall_is_not_a_start_and_causes_no_sliding(times: float) -> None:
 def test_degenerate_views_after_the_first_frame_are_as_uncertain_as_the_unknown_velocity() -> None:
     odometry, fast = DirectOdometry(), MovingCamera(2.0 * BRISK.velocity)
     wall = [add_noise(render_view(fast, k / 30, (WALL,)), k) for k in range(6)]
+    assert odometry.well_constrained_stamp_s == -np.inf
     odometry.estimate(wall[0])
     dark = estimate_all(odometry, [remove_color(frame) for frame in wall[1:]])
     assert {estimate.reason for estimate in dark} == {REASON}
+    assert odometry.well_constrained_stamp_s == wall[0].stamp_s
     for k, estimate in enumerate(dark, start=1):
         off = inverse(estimate.T_world_camera) @ fast.pose_at(k / 30)
         sigma_m = np.sqrt(np.linalg.eigvalsh(estimate.covariance[:3, :3])[-1])

@@ -41,6 +41,7 @@ from vo_service.odometry.direct.residuals import (
     CONTRAST,
     DEPTH_NOISE,
     GAIN,
+    NUM_COUNTS,
     RESIDUAL_MODEL_SIZE,
     SIGMA_BRIGHTNESS,
     SIGMA_DEPTH,
@@ -167,7 +168,12 @@ def align(
         gain: Initial ratio of the frame's brightness to the keyframe's.
         cell_weights: (2, CELLS) of brightness and of depth, by the cell of the image.
     """
-    levels = images.levels
+    levels, initial_model = images.levels, initial_residual_model(images, points[0], gain)
+    if not len(points[0]):
+        nothing, samples = np.zeros(NUM_COUNTS), empty_samples(0)
+        return DirectAlignment(
+            T_camera_keyframe, prior.motion, initial_model, nothing, samples, cell_weights
+        )
     # After a reconnection the camera may have images of another size.
     count = min(len(levels), len(points))
     T, motion, residual_model, counts, samples, region_weights = _align_levels(
@@ -176,7 +182,7 @@ def align(
         count,
         T_camera_keyframe,
         prior,
-        initial_residual_model(images, points[0], gain),
+        initial_model,
         cell_weights,
     )
     return DirectAlignment(T, motion, residual_model, counts, samples, region_weights)

@@ -68,13 +68,13 @@ class TimingHypothesis:
     @property
     def is_well_constrained(self) -> bool:
         """Whether the last frame was tracked, and shows more than one plane."""
-        if self._last is None:
+        if self._last is None or rejection_reason(self._last[1].alignment):
             return False
         images, result = self._last
         uncertainty = estimate_uncertainty(
             result.keyframe.points, images, result.alignment, result.prior, np.zeros(2)
         )
-        return not (rejection_reason(result.alignment) or uncertainty.is_one_plane)
+        return not uncertainty.is_one_plane
 
     def track(self, images: ImagePyramid) -> None:
         """Align the next frame with the keyframe."""

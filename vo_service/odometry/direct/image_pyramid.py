@@ -6,6 +6,7 @@ The view is also divided into a grid of cells, for weights by region.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from math import ceil, sqrt
 from typing import NamedTuple, Protocol
 
 import cv2
@@ -21,6 +22,7 @@ from vo_service.odometry.direct.parameters import (
     DEPTH_NOISE_PER_M,
     MAX_SURFACE_STEP_SHARE,
     MAX_SURFACE_STEP_SIGMAS,
+    MIN_DEPTH_SHARE,
     MIN_GAIN,
     MIN_IMAGE_PX,
     POINT_BLOCKS,
@@ -111,6 +113,11 @@ class DepthImage:
         """(H, W) inverse depth in 1/m; 0 = no reading."""
         return _invert_depth(self.raw, self.factor)
 
+    @property
+    def share(self) -> float:
+        """Share of the pixels with a reading."""
+        return cv2.countNonZero(self.raw) / self.raw.size
+
     def without_inverse(self) -> "DepthImage":
         """Return a copy that uses a third of the memory until its inverse depth is needed."""
         return DepthImage(self.raw, self.factor)
@@ -176,9 +183,17 @@ class ImagePyramid:
 
     @property
     def point_blocks_px(self) -> Sequence[int]:
-        """Size of the blocks that give a point each, for each gray image."""
+        """Size of the blocks that give a point each, for each gray image.
+
+        Where little of the view has depth they are smaller, so that it has enough points. One of
+        two neighboring pixels is enough: they share their texture.
+        """
         sides = [max(gray.shape) for gray in self.gray]
-        return [-(-side // blocks) for side, blocks in zip(sides, self.point_blocks, strict=False)]
+        sizes = [
+            ceil(side / blocks) for side, blocks in zip(sides, self.point_blocks, strict=False)
+        ]
+        scale = sqrt(min(self.depth.share / MIN_DEPTH_SHARE, 1.0))
+        return [max(ceil(scale * size), min(size, 2)) for size in sizes]
 
     def brightness_ratio(self, other: HasMeanBrightness) -> float:
         """Ratio to the brightness of another view, within the bounds of the gain."""

@@ -39,6 +39,8 @@ MAX_NOISE_STEP_PER_M = 0.03
 # with the steepest brightness is a point. Engel, Koltun and Cremers, "Direct Sparse Odometry" (PAMI
 # 40, 2018), Section 3.2, for one point per block. Blocks of 5, 3, 3 and 2 pixels of a Kinect.
 POINT_BLOCKS = (64, 54, 27, 20)
+# Smallest share of the pixels with depth for blocks of this size; with less they are smaller.
+MIN_DEPTH_SHARE = 0.2
 # The same of the profile `small`, for a small board: half the points, and a level less.
 SMALL_POINT_BLOCKS = (46, 40, 20)
 # Smallest brightness gradient of a point with texture, as a multiple of the noise of a pixel; and

@@ -115,12 +115,12 @@ def smallest_gradient(noise: float) -> float:
 
 
 def drop_sparse_levels(levels: Iterable[Array]) -> tuple[Array, ...]:
-    """Drop the levels from the first coarse one on that has fewer than two points.
+    """Drop the levels from the first one on that has fewer than two points; the finest is empty.
 
     To Numba, an array of one row has another layout, and a kernel takes levels of one layout.
     """
-    finest, *coarse = levels
-    return finest, *takewhile(lambda level: len(level) > 1, coarse)
+    levels = tuple(levels)
+    return tuple(takewhile(lambda level: len(level) > 1, levels)) or (levels[0][:0],)
 
 
 @kernel

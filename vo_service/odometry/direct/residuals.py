@@ -59,6 +59,7 @@ MAX_SIGMAS = (MAX_SIGMA_RATIO * INITIAL_SIGMAS[0], MAX_SIGMA_RATIO * INITIAL_SIG
     BRIGHTNESS_AGREES,
     NUM_OCCLUDED,
 ) = range(7)
+NUM_COUNTS = 7
 # Largest squared residual of an inlier, in variances; larger ones are clipped to it.
 MAX_SQUARED_RESIDUAL = INLIER_GATE_SIGMAS**2
 
@@ -178,7 +179,7 @@ def count_residuals(
         residual_model: (6,).
         cell_weights: (2, CELLS) of brightness and of depth.
     """
-    counts = np.zeros(7)
+    counts = np.zeros(NUM_COUNTS)
     squared, squared_depth = _squared_residuals(points, samples, residual_model)
     for i in range(len(points)):
         cell = int(samples[i, SAMPLE_CELL])

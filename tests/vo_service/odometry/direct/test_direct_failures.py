@@ -126,9 +126,9 @@ def test_a_start_in_darkness_continues_in_light(views: list[RgbdFrame]) -> None:
 
 
 def test_a_first_keyframe_needs_more_points_than_a_frame(views: list[RgbdFrame]) -> None:
-    """Depth in the center only: 157 points, where 100 are enough for a frame."""
+    """Depth in the center only: 169 points, where 100 are enough for a frame."""
     depth_raw = np.zeros_like(views[0].depth_raw)
-    middle = np.s_[SHAPE[0] // 2 - 39 : SHAPE[0] // 2 + 39, SHAPE[1] // 2 - 39 : SHAPE[1] // 2 + 39]
+    middle = np.s_[SHAPE[0] // 2 - 28 : SHAPE[0] // 2 + 28, SHAPE[1] // 2 - 28 : SHAPE[1] // 2 + 28]
     depth_raw[middle] = views[0].depth_raw[middle]
     estimate = DirectOdometry().estimate(replace(views[0], depth_raw=depth_raw))
     points = re.fullmatch(r"cannot start: only (\d+) points with depth", estimate.reason)

@@ -33,8 +33,10 @@ from vo_service.odometry.direct.points import (
     POINT_BRIGHTNESS,
     POINT_BRIGHTNESS_GRADIENT,
     POINT_DEPTH_GRADIENT,
+    drop_sparse_levels,
     select_points,
 )
+from vo_service.odometry.direct.quality import rejection_reason
 
 STANDING = zero_motion()
 
@@ -178,6 +180,37 @@ def test_with_a_global_shutter_the_velocity_does_not_matter() -> None:
         np.testing.assert_array_equal(standing, moving)
 
 
+@pytest.mark.parametrize(("counts", "kept"), [((9, 4, 1, 3), [9, 4]), ((1, 4, 3, 3), [0])])
+def test_levels_from_one_with_one_point_on_are_dropped(
+    counts: tuple[int, ...], kept: list[int]
+) -> None:
+    images = build_image_pyramid(render_view())
+    levels = select_points(images, STANDING, ALL_STATIC)
+    points = drop_sparse_levels(
+        np.asfortranarray(level[:count]) for level, count in zip(levels, counts, strict=True)
+    )
+    assert [len(level) for level in points] == kept
+    alignment = align(points, images, np.eye(4), STATIC_PRIOR, 1.0, uniform_weights())
+    assert (
+        rejection_reason(alignment)
+        == f"only {kept[0]} of {kept[0]} points of the keyframe are in view"
+    )
+
+
+def test_where_little_of_the_view_has_depth_the_points_are_closer_together() -> None:
+    frame = render_view()
+    depth_raw = np.zeros_like(frame.depth_raw)
+    depth_raw[100:150, 120:190] = frame.depth_raw[100:150, 120:190]
+    all_points, points = (
+        select_points(build_image_pyramid(each), STANDING, ALL_STATIC)[0]
+        for each in (frame, replace(frame, depth_raw=depth_raw))
+    )
+    u = CAMERA.fx * all_points[:, 0] / all_points[:, 2] + CAMERA.cx
+    v = CAMERA.fy * all_points[:, 1] / all_points[:, 2] + CAMERA.cy
+    in_same_area = (u >= 120) & (u < 190) & (v >= 100) & (v < 150)
+    assert len(points) > 1.5 * np.count_nonzero(in_same_area)
+
+
 @pytest.mark.parametrize("stride", [1, 4])
 def test_a_level_of_one_point_is_dropped_and_the_others_are_aligned(stride: int) -> None:
     frame = render_view()
@@ -185,8 +218,8 @@ def test_a_level_of_one_point_is_dropped_and_the_others_are_aligned(stride: int)
     depth_raw[100:128, 150:178] = frame.depth_raw[100:128, 150:178]
     images = build_image_pyramid(replace(frame, depth_raw=depth_raw))
     keyframe = make_keyframe(frame, images, np.eye(4), STANDING, ALL_STATIC)
-    assert [len(points) for points in keyframe.points] == [16, 8, 2, 4]
+    assert [len(points) for points in keyframe.points] == [36, 8, 2, 4]
     shutter = images.shutter
     keyframe = correct_keyframe(keyframe, images.camera, shutter, STANDING, stride)
-    assert [len(points) for points in keyframe.points] == ([16, 8, 2, 4] if stride == 1 else [4, 2])
+    assert [len(points) for points in keyframe.points] == ([36, 8, 2, 4] if stride == 1 else [9, 2])
     align(keyframe.points, images, np.eye(4), STATIC_PRIOR, 1.0, uniform_weights())

@@ -23,7 +23,7 @@ from vo_service.odometry.direct.parameters import (
     MAX_VALID_RATIOS,
     MIN_PLANE_SUPPORT,
     MIN_SIGMA_SAMPLES,
-    NOISE_GRID_PX,
+    NOISE_WINDOWS,
     PLANE_RADIUS_PX,
     PLANE_STEP_PX,
 )
@@ -77,9 +77,10 @@ def _plane_residuals(inverse_depth: NDArray[np.float32]) -> NDArray[np.float64]:
     """(N,) root mean square residuals of planes on a grid of pixels, 1/m."""
     height, width = inverse_depth.shape
     margin, radius = PLANE_RADIUS_PX, PLANE_RADIUS_PX // PLANE_STEP_PX
-    residuals, count = np.empty((height // NOISE_GRID_PX + 1) * (width // NOISE_GRID_PX + 1)), 0
-    for row in range(margin, height - margin, NOISE_GRID_PX):
-        for column in range(margin, width - margin, NOISE_GRID_PX):
+    step = max(max(height, width) // NOISE_WINDOWS, 1)
+    residuals, count = np.empty((height // step + 1) * (width // step + 1)), 0
+    for row in range(margin, height - margin, step):
+        for column in range(margin, width - margin, step):
             max_step = MAX_SURFACE_STEP_SHARE * inverse_depth[row, column] + MAX_NOISE_STEP_PER_M
             w, _, _, squared = fit_plane(
                 inverse_depth, column, row, radius, PLANE_STEP_PX, max_step, MIN_PLANE_SUPPORT

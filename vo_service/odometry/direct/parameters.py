@@ -29,9 +29,9 @@ MIN_GAIN = 0.5
 # Sigma of the inverse depth of a pixel before the first frame, 1/m: that of a Kinect. Also the
 # smallest one in use: registration and the motion within a frame have errors as well.
 DEPTH_NOISE_PER_M = 1.5e-3
-# Planes are fitted around pixels at this distance from each other. In these fits neighbors may
-# differ by this, 1/m, as the noise is not known yet.
-NOISE_GRID_PX = 16
+# Planes are fitted in this many windows along the longer side of an image. In these fits neighbors
+# may differ by this, 1/m, as the noise is not known yet.
+NOISE_WINDOWS = 40
 MAX_NOISE_STEP_PER_M = 0.03
 
 # KEYFRAME POINTS

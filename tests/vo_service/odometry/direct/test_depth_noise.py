@@ -11,6 +11,7 @@ from tests.vo_service.odometry.direct.tracking_results import make_result
 from tests.vo_service.odometry.hand_held_sequence import assert_close, estimate_all
 from tests.vo_service.odometry.synthetic_views import add_depth_noise
 from vo_service.odometry.direct.depth_noise import DepthNoise
+from vo_service.odometry.direct.image_halving import halve
 from vo_service.odometry.direct.image_pyramid import build_image_pyramid
 from vo_service.odometry.direct.odometry import DirectOdometry
 from vo_service.odometry.direct.parameters import DEPTH_NOISE_PER_M, MAX_NOISE_STEP_PER_M
@@ -29,6 +30,12 @@ def test_the_noise_of_a_pixel_is_measured_in_planes(sigma_per_m: float) -> None:
     noise = DepthNoise().update(build_image_pyramid(view(sigma_per_m)))
     assert noise.measured_per_m == pytest.approx(sigma_per_m, rel=0.2)
     assert noise.value_per_m == noise.measured_per_m
+
+
+def test_the_noise_of_a_small_image_is_measured() -> None:
+    images = build_image_pyramid(halve(halve(view(6e-3))))
+    assert images.depth.raw.shape == (60, 80)
+    assert DepthNoise().update(images).measured_per_m == pytest.approx(6e-3, rel=0.2)
 
 
 def test_less_noise_than_a_kinect_has_is_not_used() -> None:

@@ -70,7 +70,7 @@ class StatusReporter:
             epoch=self._odom_frame.epoch,
             paused=self._control.is_paused,
             warnings=warnings,
-            camera=self._camera_report(has_ended=reason == RECORDING_ENDED),
+            camera=self._camera_report(last, has_ended=reason == RECORDING_ENDED),
             level=self._level_report(),
             tracking=self._tracking_report(last),
             latency=self._statistics.make_latency_report(
@@ -80,7 +80,7 @@ class StatusReporter:
             recorder=RecorderReport(self._control.recording),
         )
 
-    def _camera_report(self, *, has_ended: bool) -> CameraReport:
+    def _camera_report(self, last: OdometryUpdate | None, *, has_ended: bool) -> CameraReport:
         counters = self._camera.counters
         report = CameraReport(
             name=self._camera.name,
@@ -102,9 +102,9 @@ class StatusReporter:
                 focal_disagreement=focal_length.disagreement or 0.0,
                 focal_refused=focal_length.is_refused,
             )
-        timing = self._statistics.timing
-        if timing is None:
+        if last is None:
             return report
+        timing = last.timing
         return replace(
             report,
             sensor_timing_refused=timing.is_refused,

@@ -255,6 +255,13 @@ def test_the_status_has_the_camera_and_its_intrinsics() -> None:
     assert camera.intrinsics == ""
 
 
+def test_a_readout_that_is_not_learned_is_that_of_the_frames() -> None:
+    collector = run_loop([replace(make_frame(0), readout_s=0.02)])
+    camera = collector.statuses[-1].camera
+    assert (camera.readout_ms, camera.readout_sigma_ms) == (20.0, 0.0)
+    assert camera.sensor_timing_source == ""
+
+
 class LosingCamera(ScriptedCamera):
     """Has something to say of its frames while it sends them."""
 

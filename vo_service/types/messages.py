@@ -27,7 +27,7 @@ from drivers.ros_messages.navigation import (
 )
 from vo_service.config_tables import FrameIds
 from vo_service.types.commands import ErrorCode
-from vo_service.types.estimate import OnlineFocalLength, OnlineTiming
+from vo_service.types.estimate import OnlineFocalLength
 from vo_service.types.level import LevelSource
 from vo_service.types.map_snapshot import NO_MAP
 from vo_service.types.odometry_update import OdometryUpdate, TrackingState
@@ -391,7 +391,7 @@ def map_odom_attachment(update: OdometryUpdate) -> bytes:
 
 def timing_payload(update: OdometryUpdate) -> bytes:
     """Encode the sensor's timing and focal length in use as JSON."""
-    timing = update.estimate.timing or OnlineTiming(update.frame.readout_s, 0.0, 0.0, 0.0, "")
+    timing = update.timing
     focal_length = update.estimate.focal_length or OnlineFocalLength(1.0, 0.0, None)
     return encode_message(
         TimingMessage(

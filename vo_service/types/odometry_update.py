@@ -7,7 +7,7 @@ from enum import StrEnum
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array
 from drivers.recording.odometry import OdometryRecord
-from vo_service.types.estimate import Estimate
+from vo_service.types.estimate import Estimate, OnlineTiming
 from vo_service.types.frame_scan import NO_SCAN, FrameScan
 from vo_service.types.level import UNKNOWN_LEVEL, Level
 from vo_service.types.map_snapshot import NO_MAP, MapSnapshot
@@ -75,6 +75,11 @@ class OdometryUpdate:
     def is_localized(self) -> bool:
         """Whether the transform of this pose's `odom` in the map is known; True without a map."""
         return self.map.is_localized_in(self.epoch)
+
+    @property
+    def timing(self) -> OnlineTiming:
+        """The sensor's timing in use: the frame's own, exactly, where the odometry learns none."""
+        return self.estimate.timing or OnlineTiming(self.frame.readout_s, 0.0, 0.0, 0.0, "")
 
 
 # Adds the scan to an update.

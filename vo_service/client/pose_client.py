@@ -21,6 +21,7 @@ from drivers.ros_messages.navigation import (
     encode_twist,
 )
 from vo_service.client.connection import (
+    CommandRefused,
     ServiceUnavailable,
     check_timeout,
     encode_arguments,
@@ -176,10 +177,17 @@ class PoseClient(ServiceClient):
             ServiceUnavailable: No status arrived recently and no service replied.
         """
         latest = self._state.status
+        count = latest.count
         if latest.item is not None and latest.age_s < MAX_SILENCE_S:
             return latest.item
-        sample = query(self._sessions(timeout_s), f"{self._prefix}/status", timeout_s)
-        return parse_status(sample.payload)
+        key = f"{self._prefix}/status"
+        try:
+            return parse_status(query(self._sessions(timeout_s), key, timeout_s).payload)
+        except CommandRefused as error:  # the service starts: it has none yet, but will send it
+            newer = self._state.wait_for_newer(latest, count, timeout_s)
+            if newer is None:
+                raise ServiceUnavailable(f"{key}: {error}") from error
+            return newer[1]
 
     def statuses(self) -> Iterator[StatusMessage]:
         """Iterate over statuses: two a second, and one when state, reason or warnings change."""

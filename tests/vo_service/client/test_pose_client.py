@@ -175,3 +175,16 @@ def test_statuses_also_return_the_newest(service_and_client: ServiceAndClient) -
     publisher.publish_status(state="degraded")
     assert next(statuses)["state"] == "degraded"
     assert client.status()["state"] == "degraded"
+
+
+def test_the_first_status_of_a_service_that_starts_is_waited_for(
+    service_and_client: ServiceAndClient,
+) -> None:
+    publisher, client = service_and_client
+    refusal = {"error": "not-possible", "message": "there is no status yet"}
+    queries = publisher.answer_with("status", refusal)
+    with ThreadPoolExecutor() as pool:
+        status = pool.submit(client.status, 100.0)
+        wait_until(lambda: bool(queries))
+        publisher.publish_status(state="no_camera")
+        assert status.result()["state"] == "no_camera"

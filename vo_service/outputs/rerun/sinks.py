@@ -170,8 +170,8 @@ def _host_and_port(address: str) -> tuple[str, int]:
     parts = re.fullmatch(r"rerun\+http://([\w.-]+|\[[0-9a-fA-F:]+\]):(\d{1,5})/proxy", address)
     if parts is None or not 0 < int(parts[2]) < 1 << 16:
         raise InputError(
-            f"{address}: not the address of a Rerun viewer: write it as "
-            f"rerun+http://{LOOPBACK}:{DATA_PORT}/proxy"
+            f"{address}: not the address of a Rerun viewer: write the target as "
+            f"connect:HOST:PORT, such as connect:{LOOPBACK}:{DATA_PORT}"
         )
     return parts[1].strip("[]"), int(parts[2])
 

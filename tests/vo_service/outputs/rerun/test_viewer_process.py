@@ -27,6 +27,7 @@ from tests.waiting import wait_until
 from vo_service.config_tables import RerunConfig
 from vo_service.outputs.rerun.output import RerunOutput, open_rerun_output
 from vo_service.outputs.rerun.sinks import RrdFileSink, Sink
+from vo_service.outputs.rerun.targets import make_sink
 from vo_service.types.odometry_update import OdometryUpdate
 
 pytestmark = pytest.mark.subprocess
@@ -236,6 +237,12 @@ def test_an_invalid_target_is_one_line(tmp_path: Path, target: str) -> None:
         open_rerun_output(name)
     assert "\n" not in str(caught.value)
     assert resources_in_use() <= before
+
+
+def test_an_invalid_viewer_address_names_a_target_that_is_accepted() -> None:
+    with pytest.raises(InputError, match=r"such as connect:127\.0\.0\.1:9876") as caught:
+        make_sink("connect:robot")
+    make_sink(str(caught.value).rpartition(" ")[2])
 
 
 def test_without_rerun_the_error_names_the_install_command(

@@ -40,11 +40,13 @@ class GridMapper:
     def cells(self, frame: RgbdFrame, T_odom_camera: Array) -> LocalCells:
         """Return the cells of a frame; none if the camera is not higher than an obstacle.
 
+        Nor are there any for a mounting on the floor: then z of `odom` tells no height.
+
         Args:
             T_odom_camera: 4x4; it tells what is level. z of `odom` is 0 on the floor.
         """
         view = self._mounting.view(T_odom_camera)
-        if view.height_m <= self._config.min_height_m:
+        if not self.is_above_floor or view.height_m <= self._config.min_height_m:
             return NO_CELLS
         band = height_band(self._config, view.height_m, self._range_max_m)
         return local_cells(frame, view, band, self._resolution_m)

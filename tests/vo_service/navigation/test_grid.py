@@ -127,6 +127,12 @@ def test_a_camera_on_the_floor_tells_nothing() -> None:
     assert mapper.render([]) is NO_GRID
 
 
+def test_a_camera_of_unknown_height_tells_nothing_when_it_rises() -> None:
+    mapper = mapper_of(mounted(0.0))
+    risen = mounted(0.5)  # half a meter above where it started, not above the floor
+    assert mapper.cells(wall_on_floor(risen, 2.0), risen).shape == (0, 3)
+
+
 @given(st.floats(-20.0, 20.0), st.floats(-20.0, 20.0))
 @quick
 def test_the_grid_grows_in_blocks_of_a_meter(x_m: float, y_m: float) -> None:

@@ -154,7 +154,12 @@ class Queryables:
 
     def _reply_grid(self, query: zenoh.Query) -> None:
         if self.latest.grid is None:
-            reply_error(query, NotPossibleError("there is no occupancy grid yet"))
+            reply_error(
+                query,
+                NotPossibleError(
+                    "there is no occupancy grid yet; it needs the camera's height in T_base_camera"
+                ),
+            )
             return
         reply(query, f"{self.prefix}/map", self.latest.grid, CDR_GRID)
 

@@ -52,7 +52,10 @@ def test_a_changed_grid_is_published_and_kept(free_port: int) -> None:
         assert output.wait_for_subscriber(100)
         output.on_update(make_update(0))
         (refusal,) = map(reply_json, query(session, "kinect/map"))
-        assert refusal["message"] == "there is no occupancy grid yet"
+        assert (
+            refusal["message"]
+            == "there is no occupancy grid yet; it needs the camera's height in T_base_camera"
+        )
         for seq, grid in enumerate((FIRST, FIRST, SECOND, SECOND), start=1):
             output.on_update(replace(make_update(seq), grid=grid))
         wait_until(lambda: len(samples) == 2)

@@ -1,5 +1,6 @@
-"""By default, the real service listens on loopback only."""
+"""By default, the real service listens on loopback only; a port in use is named."""
 
+import socket
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -7,8 +8,11 @@ import pytest
 
 from tests.ports import listening_addresses, open_sockets
 from tests.resource_leaks import child_pids_of, open_files
+from tests.vo_service.security.tls_network import HOST, TlsNetwork
 from tests.vo_service.service_process import ServiceProcess, running_service
 from tests.waiting import wait_until
+from vo_service.config_tables import ZenohConfig
+from vo_service.outputs.zenoh.session import ZenohPortInUseError, open_session
 
 
 @pytest.fixture(scope="module")
@@ -46,3 +50,18 @@ def test_there_is_no_udp_socket_and_no_multicast(service: ServiceProcess) -> Non
     }
     assert sockets
     assert not sockets & datagrams
+
+
+@pytest.mark.zenoh
+@pytest.mark.parametrize("listen", [ZenohConfig().listen, ()], ids=["service", "router"])
+def test_a_tls_port_in_use_is_named_with_the_file_that_has_it(
+    network: TlsNetwork, listen: tuple[str, ...]
+) -> None:
+    file = network.file("robot-tls.json5", network.server_identity)
+    with (
+        socket.create_server((HOST, network.tls_port)),
+        pytest.raises(ZenohPortInUseError) as caught,
+    ):
+        open_session(ZenohConfig(config_file=file, listen=listen))
+    assert f"cannot listen on tls/{HOST}:{network.tls_port}: " in str(caught.value)
+    assert f"set listen.endpoints in {file} to a free port" in str(caught.value)

@@ -51,19 +51,20 @@ def open_session(config: ZenohConfig, max_message_bytes: int = MAX_MESSAGE_BYTES
         ZenohPortInUseError: Another program listens on the port.
     """
     settings = build_zenoh_config(config, max_message_bytes)
-    for key in ("listen", "connect"):
-        limited = [_limit_send_buffer(text) for text in configured_endpoints(settings, key)]
+    listen, connect = (configured_endpoints(settings, key) for key in ("listen", "connect"))
+    for key, texts in (("listen", listen), ("connect", connect)):
+        limited = [_limit_send_buffer(text) for text in texts]
         settings.insert_json5(f"{key}/endpoints", json.dumps(limited))
     try:
         return open_with_shared_memory(settings)
     except zenoh.ZError as error:
-        endpoints = ", ".join(config.listen + config.connect)
+        endpoints = ", ".join([*listen, *connect])
         for marker, (error_type, clause, advice) in _TRANSIENT_ERRORS.items():
             if marker in str(error):
                 endpoint = _endpoint_in_error(str(error)) or endpoints
-                own, alternative = "zenoh.listen", ", or use --no-publish"
-                if not config.listen:  # a router, whose file has the addresses
-                    own, alternative = f"listen.endpoints in {config.config_file}", ""
+                is_of_file = listen != list(config.listen)
+                own = f"listen.endpoints in {config.config_file}" if is_of_file else "zenoh.listen"
+                alternative = ", or use --no-publish" if config.listen else ""  # "": a router
                 advice = advice.format(listen=own, alternative=alternative)
                 raise error_type(clause.format(endpoint), advice) from error
         raise InputError(f"zenoh cannot use {endpoints}: {_format_error(error)}") from error
@@ -129,9 +130,11 @@ _TRANSIENT_ERRORS = {
 
 def _endpoint_in_error(text: str) -> str:
     """Extract the endpoint from Zenoh's message; "" if it has none."""
-    match = re.search(r"bound to (\S+):|\((\w+/\S+?)\)", text)
-    endpoint = (match.group(1) or match.group(2)) if match else ""
-    return re.sub(r"[#;]so_sndbuf=\d+", "", endpoint)  # not the user's
+    if match := re.search(r"bound to (\S+):|\((\w+/\S+?)\)", text):
+        endpoint = match.group(1) or match.group(2)
+        return re.sub(r"[#;]so_sndbuf=\d+", "", endpoint)  # not the user's
+    match = re.search(r"new (TLS|TCP) listener on (\S+):", text)
+    return f"{match.group(1).lower()}/{match.group(2)}" if match else ""
 
 
 def _format_error(error: zenoh.ZError) -> str:

@@ -141,6 +141,7 @@ class PoseClient(ServiceClient):
             CommandRefused: There is no map.
             ServiceUnavailable: No service replied.
         """
+        self._check_open()
         latest = self._state.map_odom
         if latest.item is not None and latest.age_s < MAX_SILENCE_S:
             return latest.item
@@ -176,6 +177,7 @@ class PoseClient(ServiceClient):
         Raises:
             ServiceUnavailable: No status arrived recently and no service replied.
         """
+        self._check_open()
         latest = self._state.status
         count = latest.count
         if latest.item is not None and latest.age_s < MAX_SILENCE_S:

@@ -136,12 +136,12 @@ class ServiceState:
     def close(self) -> None:
         """Wake all readers that wait."""
         with self._changed:
-            self.is_closed = True
+            self.is_closed, self.is_alive = True, False
             self._changed.notify_all()
 
     def _on_liveliness(self, sample: zenoh.Sample) -> None:
         with self._changed:
-            self.is_alive = sample.kind == zenoh.SampleKind.PUT
+            self.is_alive = sample.kind == zenoh.SampleKind.PUT and not self.is_closed
             self._run += self.is_alive
             if not self.is_alive:
                 self.map_odom = Latest()  # epochs of two runs cannot be compared
@@ -269,6 +269,8 @@ def _make_error(
 
 def _unavailable_reason(state: ServiceState, where: str) -> tuple[PoseUnavailableReason, str]:
     status = state.status.item
+    if state.is_closed:
+        return PoseUnavailableReason.NO_PUBLISHER, "this client is closed; open another"
     if state.parse_error:
         return PoseUnavailableReason.UNREADABLE, state.parse_error
     if not state.is_alive:

@@ -12,7 +12,7 @@ from tests.vo_service.client.fake_service import (
     wait_for_pose,
 )
 from tests.waiting import wait_until
-from vo_service import Pose, PoseUnavailable, PoseUnavailableReason
+from vo_service import Pose, PoseUnavailable, PoseUnavailableReason, ServiceUnavailable
 
 pytestmark = pytest.mark.zenoh
 
@@ -167,6 +167,19 @@ def test_closing_ends_the_readers(service_and_client: ServiceAndClient) -> None:
     client.close()
     reader.join(100)
     assert ended == [[]]
+
+
+def test_a_closed_client_has_nothing_of_the_service(service_and_client: ServiceAndClient) -> None:
+    publisher, client = service_and_client
+    publish_and_receive(publisher, client.poses(), 51)
+    publisher.publish_status(state="tracking")
+    wait_until(lambda: client._state.status.item is not None)
+    client.close()
+    assert not client.is_alive
+    with pytest.raises(ServiceUnavailable, match="this client is closed"):
+        client.status()
+    with pytest.raises(PoseUnavailable, match="this client is closed"):
+        client.newest(max_age_s=0.0)
 
 
 def test_statuses_also_return_the_newest(service_and_client: ServiceAndClient) -> None:

@@ -222,13 +222,19 @@ class DirectOdometry:
             if match is not None and is_after_large_step:
                 return self._follow_features(frame, images, track, match, reason)
             return self._fail(frame, images, track, result, reason)
-        # Covariance: a view that constrains too little is accepted for a short time only.
+        # Covariance: a view that constrains too little is accepted for a short time only; then
+        # features tell the motion, as wheels do.
         with self._timer.stage("covariance"):
             uncertainty = self._estimate_uncertainty(images, result, track)
             self._brightness_weight = self._brightness_weight.update(uncertainty.shared_error)
         reason = uncertainty.rejection_reason
         if reason and not motion_state.is_predictable(images.stamp_s):
-            return self._fail(frame, images, track, result, reason)
+            with self._timer.stage("recovery"):
+                told = self._recovery.tell_motion(frame, motion_state, result.keyframe, self._map)
+            if told is None:
+                return self._fail(frame, images, track, result, reason)
+            self._stamp_s = last_stamp_s
+            return self.estimate(told)
         if contradiction := contradiction_reason(result, uncertainty, motion_state, images.stamp_s):
             return self._fail(frame, images, track, result, contradiction)
         # Filter: the measured pose is fused with the predicted one.

@@ -4,13 +4,13 @@ Keyframes are searched for by features; where the lighting has changed, brightne
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import log
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from drivers.camera import RgbdFrame
+from drivers.camera import PosePrior, RgbdFrame
 from drivers.core.geometry import Array, inverse
 from vo_service.odometry.depth_grid import DepthGrid
 from vo_service.odometry.direct.alignment import (
@@ -42,6 +42,9 @@ from vo_service.odometry.features.parameters import SurfParameters
 from vo_service.odometry.features.points import backproject_features, pair_points
 from vo_service.odometry.features.views import FeatureView, match_views
 
+# What tells the motion where a view does not.
+FEATURES = "features"
+
 
 @dataclass(frozen=True)
 class KeyframeMatch:
@@ -63,13 +66,20 @@ class KeyframeMatch:
         """4x4 pose of the camera."""
         return self.keyframe.T_world_keyframe @ inverse(self.T_camera_keyframe)
 
+    @property
+    def information(self) -> Array:
+        """6x6 inverse of the covariance; zero without one."""
+        if self.covariance is None:
+            return np.zeros((6, 6))
+        return np.asarray(np.linalg.inv(self.covariance), np.float64)
+
     def agrees(self, result: TrackingResult) -> bool:
         """Whether an alignment has led to the same pose."""
         if self.covariance is None:
             return False
         T_found_aligned = inverse(self.T_world_camera) @ result.T_world_camera
         difference = se3_log(np.ascontiguousarray(T_found_aligned))
-        squared = float(difference @ np.linalg.solve(self.covariance, difference))
+        squared = float(difference @ self.information @ difference)
         return squared < MAX_SQUARED_POSE_DIFFERENCE
 
 
@@ -105,6 +115,31 @@ class DirectRecovery:
             result = self._recover_by_depth(images, result, motion_state)
         return result, match
 
+    def tell_motion(
+        self,
+        frame: RgbdFrame,
+        motion_state: MotionState,
+        active: DirectKeyframe,
+        local_map: LocalMap,
+    ) -> RgbdFrame | None:
+        """Return a frame with what its features tell of the motion; None if no match is believed.
+
+        Args:
+            frame: The frame.
+            motion_state: The state up to the last good frame.
+            active: The keyframe whose features are compared first.
+            local_map: The keyframes.
+        """
+        matches = self.features.find_matches(frame, _searched_keyframes(active, local_map))
+        match = next((each for each in matches if each.covariance is not None), None)
+        if match is None or _is_at_rest_in_view(match, motion_state, frame.stamp_s):
+            return None
+        T_last_camera = inverse(motion_state.T_world_camera) @ match.T_world_camera
+        before = frame.pose_prior
+        of_floor = np.zeros((6, 6)) if before is None else before.floor_information
+        prior = PosePrior(T_last_camera, match.information + of_floor, of_floor, FEATURES)
+        return replace(frame, pose_prior=prior)
+
     def _recover_from_rest(
         self, images: ImagePyramid, best: TrackingResult, motion_state: MotionState
     ) -> TrackingResult:
@@ -128,10 +163,9 @@ class DirectRecovery:
         motion_state: MotionState,
         local_map: LocalMap,
     ) -> tuple[TrackingResult, KeyframeMatch | None]:
-        """Align with the keyframes that match: the active one first, then the last used ones."""
+        """Align with the keyframes that match."""
         believed = None
-        others = [k for k in reversed(local_map.keyframes) if k is not best.keyframe]
-        keyframes = [best.keyframe, *others][:MAX_SEARCHED_KEYFRAMES]
+        keyframes = _searched_keyframes(best.keyframe, local_map)
         for match in self.features.find_matches(frame, keyframes):
             keyframe = match.keyframe
             prior = motion_state.motion_prior(keyframe.T_world_keyframe, images.stamp_s)
@@ -184,6 +218,22 @@ class DirectRecovery:
             prior,
             degradation=f"depth only: {rejection_reason(best.alignment)}",
         )
+
+
+def _searched_keyframes(active: DirectKeyframe, local_map: LocalMap) -> list[DirectKeyframe]:
+    """The active keyframe, then the last used ones."""
+    others = [each for each in reversed(local_map.keyframes) if each is not active]
+    return [active, *others][:MAX_SEARCHED_KEYFRAMES]
+
+
+def _is_at_rest_in_view(match: KeyframeMatch, motion_state: MotionState, stamp_s: float) -> bool:
+    """Whether features are at rest though the camera was moving: they may be on the robot."""
+    elapsed_s = stamp_s - motion_state.well_constrained_stamp_s
+    seen, expected = (
+        float(motion @ match.information @ motion)
+        for motion in (se3_log(match.T_camera_keyframe), elapsed_s * motion_state.velocity)
+    )
+    return seen < MAX_SQUARED_POSE_DIFFERENCE < expected
 
 
 def rejection_reason_after(

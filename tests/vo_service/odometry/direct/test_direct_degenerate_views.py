@@ -15,6 +15,7 @@ from tests.vo_service.odometry.direct.rolling_shutter_views import (
     render_view,
 )
 from tests.vo_service.odometry.hand_held_sequence import assert_close, estimate_all
+from vo_service.odometry.direct import points
 from vo_service.odometry.direct.motion import se3_log
 from vo_service.odometry.direct.odometry import DirectOdometry
 from vo_service.odometry.direct.parameters import MAX_EXTRAPOLATION_S
@@ -83,6 +84,19 @@ def test_a_degenerate_view_is_degraded_for_a_moment_then_lost() -> None:
         off = se3_log(inverse(estimate.T_world_camera) @ BRISK.pose_at(k / 30))
         assert off @ np.linalg.solve(estimate.covariance, off) < CHI_SQUARED_99
     assert np.trace(plain[11].covariance) > 10.0 * np.trace(plain[0].covariance)
+
+
+def test_texture_that_is_too_faint_for_the_alignment_is_followed_by_features(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    odometry = DirectOdometry()
+    wall = [add_noise(render_view(BRISK, k / 30, (WALL,)), k) for k in range(30)]
+    estimate_all(odometry, wall[:4])
+    monkeypatch.setattr(points, "MIN_TEXTURE_GRADIENTS", (500.0, 500.0))
+    estimates = estimate_all(odometry, wall[4:])
+    assert all(estimate.ok for estimate in estimates)
+    assert {estimate.reason for estimate in estimates[-6:]} == {"degenerate view: features"}
+    assert_close(estimates[-1].T_world_camera, BRISK.pose_at(29 / 30), 0.005, 0.2)
 
 
 @pytest.mark.slow

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivers.camera import RgbdFrame
+from drivers.camera import PosePrior, RgbdFrame
 from drivers.core.geometry import Array, inverse, rigid_transform, so3_exp
 from tests.vo_service.odometry.direct.rolling_shutter_views import (
     BRISK,
@@ -49,6 +49,16 @@ def looking(angle_rad: float, k: int = 0) -> RgbdFrame:
 
 def keyframe_of(frame: RgbdFrame, T: Array) -> DirectKeyframe:
     return make_keyframe(frame, build_image_pyramid(frame), T, zero_motion(), ALL_STATIC)
+
+
+def told_by_features(frame: RgbdFrame, velocity_m_s: float) -> PosePrior | None:
+    """What features tell half a second after the last good view, at (0, 0, 0)."""
+    moving = replace(MOTION_STATE, velocity=np.array([velocity_m_s, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    local_map = LocalMap()
+    local_map.reset(AHEAD)
+    recovery = DirectRecovery(SurfExtractor())
+    told = recovery.tell_motion(replace(frame, stamp_s=0.5), moving, AHEAD, local_map)
+    return told.pose_prior if told else None
 
 
 AHEAD, ASIDE = keyframe_of(looking(0.0), np.eye(4)), keyframe_of(looking(0.5), turned(0.5))
@@ -208,3 +218,19 @@ def test_debug_points_are_in_both_images() -> None:
     for pixels in (debug.keypoints_px, debug.reference_matches_px):
         assert pixels.min() > -1
         assert (pixels.max(axis=0) < (320, 240)).all()
+
+
+@pytest.mark.parametrize("velocity_m_s", [0.0, 0.3])
+def test_features_tell_the_motion(velocity_m_s: float) -> None:
+    told = told_by_features(looking(0.1, 1), velocity_m_s)
+    assert told is not None
+    assert_close(told.T_last_camera, turned(0.1), 0.01, 0.3)
+
+
+def test_features_at_rest_tell_nothing_of_a_camera_that_was_moving() -> None:
+    assert told_by_features(looking(0.0, 1), 0.0) is not None
+    assert told_by_features(looking(0.0, 1), 0.3) is None
+
+
+def test_a_view_without_features_tells_nothing() -> None:
+    assert told_by_features(remove_color(looking(0.1, 1)), 0.0) is None

@@ -12,10 +12,8 @@ in millimeters.
 import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from benchmarks.corruptions import CORRUPTIONS, Corruption
@@ -28,6 +26,7 @@ from benchmarks.harness import (
     median,
     option,
 )
+from benchmarks.other_sensors import make_other_sensors
 from benchmarks.tracking import (
     METHOD,
     FrameChange,
@@ -36,12 +35,9 @@ from benchmarks.tracking import (
     track_changed,
     track_with,
 )
-from benchmarks.virtual_sensors import correlated_noise
-from drivers.camera import PinholeCamera, RgbdFrame
+from drivers.camera import RgbdFrame
 from drivers.tum.folder import open_tum_folder
-from tests.vo_service.odometry.direct.rolling_shutter_views import keep_depth_grid
 from vo_service.odom_frame import OdomFrame
-from vo_service.odometry.direct.image_halving import halve
 from vo_service.odometry.features.parameters import SurfParameters
 from vo_service.odometry.features.views import FeatureView
 from vo_service.odometry.stage_timers import CpuStageTimer
@@ -232,7 +228,7 @@ def measure_other_sensors(args: argparse.Namespace) -> None:
 
     Images have other sizes; inverse depth has more noise, which neighbors share as with stereo; a
     smaller depth image is registered to the color image pixel by pixel, which leaves a grid with
-    holes; depth is half as fast as color; or the room is dark.
+    holes; little of the view has depth; depth is half as fast as color; or the room is dark.
     "lost" are the frames without a pose.
     """
     for method in SENSOR_METHODS:
@@ -243,82 +239,6 @@ def measure_other_sensors(args: argparse.Namespace) -> None:
             runs = [track_changed(method, folder, change)[1] for method in SENSOR_METHODS]
             figures = [figure for run in runs for figure in (run.failed, run.ate_m)]
             print(SENSOR_TABLE.row(name, *figures), flush=True)
-
-
-def make_other_sensors() -> Mapping[str, FrameChange]:
-    """Changes of frames by name."""
-    return {
-        UNCHANGED: lambda frame: frame,
-        "a quarter of the size": lambda frame: halve(halve(frame)),
-        "half the size": halve,
-        "twice the size": _double,
-        **{
-            f"noise {sigma_per_m} 1/m, {blur_px} px": partial(_add_noise, sigma_per_m, blur_px)
-            for sigma_per_m in (0.006, 0.01)
-            for blur_px in (3, 6, 12)
-        },
-        "grid of depth, 2.2 px": partial(keep_depth_grid, pitch_px=2.2),
-        "grid of depth, 4 px": partial(keep_depth_grid, pitch_px=4.0),
-        "twice the size, grid 2 px": lambda frame: keep_depth_grid(_double(frame), 2.0),
-        "half of depth missing": _drop_half_of_depth,
-        "each depth image twice": _DepthRepeater().repeat,
-        "in the dark": _darken,
-        "in the dark, noise 0.004 1/m": lambda frame: _add_noise(0.004, 3.0, _darken(frame)),
-    }
-
-
-def _darken(frame: RgbdFrame) -> RgbdFrame:
-    """Reduce the light to 12 %, with the noise of a camera in the dark."""
-    noise = np.random.default_rng([7, frame.seq]).normal(0.0, 4.0, frame.color_bgr.shape)
-    color = np.clip(0.12 * frame.color_bgr + noise, 0.0, 255.0).astype(np.uint8)
-    return replace(frame, color_bgr=color)
-
-
-def _drop_half_of_depth(frame: RgbdFrame) -> RgbdFrame:
-    """Remove the depth of random pixels."""
-    is_kept = np.random.default_rng([7, frame.seq]).random(frame.depth_raw.shape) < 0.5
-    return replace(frame, depth_raw=np.where(is_kept, frame.depth_raw, 0).astype(np.uint16))
-
-
-class _DepthRepeater:
-    """Gives frames with odd numbers the depth of the frame before."""
-
-    def __init__(self) -> None:
-        self._last: RgbdFrame | None = None
-
-    def repeat(self, frame: RgbdFrame) -> RgbdFrame:
-        """Return the frame with its own depth or the last one."""
-        if self._last is None or frame.seq % 2 == 0:
-            self._last = frame
-        return replace(frame, depth_raw=self._last.depth_raw)
-
-
-def _double(frame: RgbdFrame) -> RgbdFrame:
-    """Double the size; pixel (u, v) becomes (2 u, 2 v)."""
-    camera = frame.camera
-    color = cv2.resize(frame.color_bgr, None, fx=2.0, fy=2.0, interpolation=cv2.INTER_CUBIC)
-    return replace(
-        frame,
-        color_bgr=np.asarray(color, np.uint8),
-        depth_raw=frame.depth_raw.repeat(2, axis=0).repeat(2, axis=1),
-        camera=PinholeCamera(
-            2 * camera.width,
-            2 * camera.height,
-            2 * camera.fx,
-            2 * camera.fy,
-            2 * camera.cx + 0.5,
-            2 * camera.cy + 0.5,
-        ),
-    )
-
-
-def _add_noise(sigma_per_m: float, blur_px: float, frame: RgbdFrame) -> RgbdFrame:
-    """Add noise of inverse depth that is correlated over `blur_px` pixels."""
-    rng = np.random.default_rng([7, frame.seq])
-    noise = sigma_per_m * correlated_noise(frame.depth_raw.shape, blur_px, rng)
-    depth_m = 1.0 / np.maximum(1.0 / np.maximum(frame.depth_m, 0.1) + noise, 0.05)
-    raw = np.where(frame.depth_raw > 0, np.rint(frame.depth_factor * depth_m), 0)
-    return replace(frame, depth_raw=np.minimum(raw, 65534).astype(np.uint16))
 
 
 VARIANTS: Variants = {

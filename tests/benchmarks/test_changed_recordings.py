@@ -12,13 +12,11 @@ from benchmarks.changed_recordings import (
     MAX_DELAY_ERROR_S,
     MAX_FOCAL_ERROR_PX,
     format_spread,
-    make_other_sensors,
     make_perturbation,
 )
 from benchmarks.harness import Json
 from tests.forked_process import run_module
 from tests.vo_service.fakes import make_frame
-from tests.vo_service.odometry.synthetic_views import render_corner
 
 
 def run(*arguments: str) -> subprocess.CompletedProcess[str]:
@@ -100,23 +98,3 @@ def test_a_recording_without_truth_is_a_clear_error(
     assert ended.stderr.splitlines() == [
         f"error: {folder}: has no groundtruth.txt; name a recording with one"
     ]
-
-
-@pytest.mark.parametrize(("name", "factor"), [("half the size", 0.5), ("twice the size", 2.0)])
-def test_another_size_has_the_same_rays(name: str, factor: float) -> None:
-    frame = render_corner(np.eye(4))
-    other = make_other_sensors()[name](frame)
-    assert other.depth_raw.shape == other.color_bgr.shape[:2]
-    assert other.camera.width == factor * frame.camera.width
-    step = max(1, round(1 / factor))
-    ray = (np.arange(0, frame.camera.width, step) - frame.camera.cx) / frame.camera.fx
-    u = factor * np.arange(0, frame.camera.width, step) + (0.5 if factor > 1 else 0.0)
-    np.testing.assert_allclose((u - other.camera.cx) / other.camera.fx, ray, atol=1e-9)
-
-
-def test_the_noise_of_another_sensor_has_the_size_of_its_name() -> None:
-    frame = render_corner(np.eye(4))
-    other = make_other_sensors()["noise 0.006 1/m, 6 px"](frame)
-    noise = 1.0 / other.depth_m - 1.0 / frame.depth_m
-    assert noise.std() == pytest.approx(0.006, rel=0.05)
-    assert np.corrcoef(noise[:, :-3].ravel(), noise[:, 3:].ravel())[0, 1] > 0.8

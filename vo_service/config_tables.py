@@ -162,6 +162,10 @@ class FrameIds:
     def __post_init__(self) -> None:
         names: set[str] = {""}
         for key, name in vars(self).items():
+            if name.startswith("/"):
+                raise FieldError(
+                    (key,), f"{name!r} begins with a slash, which tf2 refuses; give {name[1:]!r}"
+                )
             if name in names:
                 raise FieldError(
                     (key,), f"{name!r} is empty or the name of another frame; give another name"

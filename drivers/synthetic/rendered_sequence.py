@@ -72,7 +72,8 @@ def files_for_config(config: SyntheticConfig, folder: Path) -> SequenceFiles:
     if files.total_bytes > MAX_SEQUENCE_BYTES:
         raise InputError(
             f"synthetic camera: {files.count} frames need {files.total_bytes / 1e9:.1f} GB, the "
-            f"limit is {MAX_SEQUENCE_BYTES / 1e9:.1f} GB: set a shorter duration_s, or loop"
+            f"limit is {MAX_SEQUENCE_BYTES / 1e9:.1f} GB: set a shorter duration_s; with loop = "
+            "true it is played for ever"
         )
     return files
 

@@ -176,6 +176,7 @@ def test_a_wrong_key_is_reported_with_its_line(
         ("zenoh", 'prefix = "/kinect"', "without a slash at either end"),
         ("ros2", 'odom_frame_id = ""', "is empty or the name of another frame"),
         ("ros2", 'base_frame_id = "odom"', "is empty or the name of another frame"),
+        ("ros2", 'odom_frame_id = "/odom"', "which tf2 refuses; give 'odom'"),
         ("zenoh", 'listen = ["tcp/[::1]:1", "tcp/[::1]:1"]', "the same endpoint twice"),
         ("synthetic", "duration_s = 0.01", "must hold at least one frame"),
     ],

@@ -225,7 +225,9 @@ class LiveMapper(ProcessOutput[_QueueItem, MapperWorkerConfig]):
     def _handle_exit(self, reason: str) -> bool:
         """Report the loss of all keyframes; the next process starts with later frames."""
         with self._lock:
-            self._process_fault = "the mapper process died and is restarted with an empty map"
+            loaded = self._config.map_config.load
+            what = f"the map {loaded}" if loaded else "an empty map"
+            self._process_fault = f"the mapper process died and is restarted with {what}"
             logger.warning("%s: %s", NAME, self._process_fault)
             if self.state.saving:
                 self._save_faults.set(f"saving {self.state.saving} was interrupted")

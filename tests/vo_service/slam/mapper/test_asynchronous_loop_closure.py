@@ -142,6 +142,14 @@ def test_keyframes_of_a_killed_process_are_removed_and_made_again(tmp_path: Path
         go(opened, STEPS, STEPS)
 
 
+def test_a_killed_process_loads_its_map_again(saved: Path) -> None:
+    with running_mapper(saved, replace(WITH_LOOP_CLOSURE, load=NAME)) as opened:
+        wait_until(lambda: opened.state.loaded != "", "the map")
+        os.kill(mapper_pid(), signal.SIGKILL)
+        wait_until(lambda: "is restarted with the map corner" in opened.warning)
+        wait_until(lambda: opened.state.loaded.endswith("corner.keyframes"), "the map again")
+
+
 def test_without_keyframes_there_is_no_loop_closure_and_no_map_can_be_loaded(
     tmp_path: Path,
 ) -> None:

@@ -42,9 +42,6 @@ from vo_service.odometry.features.parameters import SurfParameters
 from vo_service.odometry.features.points import backproject_features, pair_points
 from vo_service.odometry.features.views import FeatureView, match_views
 
-# What tells the motion where a view does not.
-FEATURES = "features"
-
 
 @dataclass(frozen=True)
 class KeyframeMatch:
@@ -137,7 +134,7 @@ class DirectRecovery:
         T_last_camera = inverse(motion_state.T_world_camera) @ match.T_world_camera
         before = frame.pose_prior
         of_floor = np.zeros((6, 6)) if before is None else before.floor_information
-        prior = PosePrior(T_last_camera, match.information + of_floor, of_floor, FEATURES)
+        prior = PosePrior(T_last_camera, match.information + of_floor, of_floor, "features")
         return replace(frame, pose_prior=prior)
 
     def _recover_from_rest(

@@ -46,7 +46,7 @@ ABLATIONS: Mapping[str, Changes] = {
     "no-angular-acceleration": {"TREMOR_SPAN_S": 1000},
     "no-filter": {"MIN_PREDICTION_SHARE": NO_LIMIT},
     "no-vignetting": {"MAX_VIGNETTING": 0},
-    "no-learned-depth-noise": {"NOISE_GRID_PX": NO_LIMIT},
+    "no-learned-depth-noise": {"NOISE_WINDOWS": 1},
     "no-joint-refinement": {"MAX_JOINT_KEYFRAMES": 0},
     "one-keyframe": {"MAX_KEYFRAMES": 1},
     "first-keyframe-not-rebuilt": {"REINITIALIZATIONS": 0},

@@ -54,9 +54,9 @@ class GridMapper:
     @staticmethod
     def warm_up() -> None:
         """Compile or load the kernels."""
-        mapper = GridMapper(ScanConfig(), T_BODY_CAMERA, 0.5, 1.0)
-        T_odom_camera = rigid_transform(np.eye(3), (0.0, 0.0, 0.5)) @ T_BODY_CAMERA
-        mapper.render([(mapper.cells(tiny_frame(), T_odom_camera), T_odom_camera)])
+        T_base_camera = rigid_transform(np.eye(3), (0.0, 0.0, 0.5)) @ T_BODY_CAMERA
+        mapper = GridMapper(ScanConfig(), T_base_camera, 0.5, 1.0)
+        mapper.render([(mapper.cells(tiny_frame(), T_base_camera), T_base_camera)])
 
     def render(self, frames: Sequence[tuple[LocalCells, Array]]) -> OccupancyGrid:
         """Render the map of frames, given as cells and pose of the optical camera in the map."""

@@ -155,8 +155,9 @@ class LiveMapper(ProcessOutput[_QueueItem, MapperWorkerConfig]):
             return self.state
 
     def configure(self, settings: MapConfig) -> None:
-        """Apply settings to later keyframes and the next map."""
-        self._config = replace(self._config, map_config=settings)
+        """Apply settings to later keyframes and the next map; the loaded map stays."""
+        loaded = self._config.map_config.load
+        self._config = replace(self._config, map_config=replace(settings, load=loaded))
         self._client.send(settings)
 
     @property

@@ -142,9 +142,13 @@ def test_keyframes_of_a_killed_process_are_removed_and_made_again(tmp_path: Path
         go(opened, STEPS, STEPS)
 
 
-def test_a_killed_process_loads_its_map_again(saved: Path) -> None:
-    with running_mapper(saved, replace(WITH_LOOP_CLOSURE, load=NAME)) as opened:
+def test_a_killed_process_loads_its_map_again_also_after_a_reload_of_the_settings(
+    saved: Path,
+) -> None:
+    with running_mapper(saved, WITH_LOOP_CLOSURE) as opened:
+        opened.load(NAME)
         wait_until(lambda: opened.state.loaded != "", "the map")
+        opened.configure(WITH_LOOP_CLOSURE)
         os.kill(mapper_pid(), signal.SIGKILL)
         wait_until(lambda: "is restarted with the map corner" in opened.warning)
         wait_until(lambda: opened.state.loaded.endswith("corner.keyframes"), "the map again")

@@ -103,7 +103,7 @@ class TypedCommand(Generic[Reply]):
     def __post_init__(self) -> None:
         given = [name for name in self.required_together if getattr(self, name) is not None]
         if given and len(given) < len(self.required_together):
-            raise ValueError(f"give {' and '.join(self.required_together)}, or none of them")
+            raise InputError(f"give {' and '.join(self.required_together)}, or none of them")
 
     @classmethod
     def reply_type(cls) -> type[Reply]:
@@ -205,7 +205,7 @@ class ResetCommand(TypedCommand[EpochReply]):
         super().__post_init__()
         norm = math.hypot(*(self.quaternion_xyzw or (1.0,)))
         if abs(norm - 1.0) > QUATERNION_NORM_TOLERANCE:
-            raise ValueError("quaternion_xyzw must have length 1, as x y z w")
+            raise InputError("quaternion_xyzw must have length 1, as x y z w")
 
     @classmethod
     def to_pose(cls, T_odom_base: Array) -> "ResetCommand":

@@ -118,6 +118,14 @@ def test_a_wrong_argument_is_reported(name: str, payload: bytes, words: str) -> 
     assert words in str(error)
 
 
+@pytest.mark.parametrize("quaternion", [None, (0.0, 0.0, 0.0, 2.0)])
+def test_a_reset_without_a_whole_pose_is_a_wrong_argument(
+    quaternion: tuple[float, float, float, float] | None,
+) -> None:
+    with pytest.raises(InputError, match="quaternion_xyzw"):
+        ResetCommand((1.0, 2.0, 3.0), quaternion)
+
+
 def test_an_unknown_command_gets_the_list_of_commands() -> None:
     error = refusal("explode", b"")
     assert error.code is ErrorCode.UNKNOWN_COMMAND

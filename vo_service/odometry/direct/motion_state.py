@@ -34,8 +34,8 @@ UNKNOWN_VELOCITY_SIGMA = VELOCITY_SIGMA_RANGE[1] * MAX_VELOCITY_SIGMA
 
 
 @dataclass(frozen=True)
-class WheelDrift:
-    """Error of the wheels since the last frame that constrained all six degrees of freedom.
+class ToldMotionDrift:
+    """Error of a told motion since the last frame that constrained all six degrees of freedom.
 
     Attributes:
         covariance: 6x6 of the pose, as a small motion in the camera's axes.
@@ -45,7 +45,7 @@ class WheelDrift:
     covariance: Array
     frames: int
 
-    def after(self, prior: PosePrior) -> "WheelDrift":
+    def after(self, prior: PosePrior) -> "ToldMotionDrift":
         """Return the drift after the motion to the next frame.
 
         The errors of wheels have one sign, so standard deviations add up, and not variances.
@@ -53,12 +53,12 @@ class WheelDrift:
         frames = self.frames + 1
         step = np.asarray(np.linalg.inv(prior.information - prior.floor_information), np.float64)
         if self.frames == 0:
-            return WheelDrift(step, frames)
+            return ToldMotionDrift(step, frames)
         before = transport_covariance(self.covariance, prior.T_last_camera)
-        return WheelDrift(frames / self.frames * before + frames * step, frames)
+        return ToldMotionDrift(frames / self.frames * before + frames * step, frames)
 
 
-NO_DRIFT = WheelDrift(np.zeros((6, 6)), 0)
+NO_DRIFT = ToldMotionDrift(np.zeros((6, 6)), 0)
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class MotionState:
         well_constrained_stamp_s: Stamp of the last frame that constrained all six degrees of
             freedom.
         pose_prior: What else tells of the motion to the next frame; None = nothing.
-        drift: Of wheels, since `well_constrained_stamp_s`.
+        drift: Of the told motions, since `well_constrained_stamp_s`.
     """
 
     T_world_camera: Array
@@ -88,7 +88,7 @@ class MotionState:
     normalized_innovation: float = 0.0
     well_constrained_stamp_s: float = 0.0
     pose_prior: PosePrior | None = None
-    drift: WheelDrift = NO_DRIFT
+    drift: ToldMotionDrift = NO_DRIFT
 
     @classmethod
     def at_rest(cls, T_world_camera: Array, stamp_s: float) -> "MotionState":
@@ -196,8 +196,8 @@ class MotionState:
         )
 
     @property
-    def next_drift(self) -> WheelDrift:
-        """Drift of the wheels at the next frame."""
+    def next_drift(self) -> ToldMotionDrift:
+        """Drift of the told motions at the next frame."""
         return self.drift if self.told_motion is None else self.drift.after(self.told_motion)
 
     def is_predictable(self, stamp_s: float) -> bool:

@@ -226,15 +226,17 @@ class DirectOdometry:
         # features tell the motion, as wheels do.
         with self._timer.stage("covariance"):
             uncertainty = self._estimate_uncertainty(images, result, track)
-            self._brightness_weight = self._brightness_weight.update(uncertainty.shared_error)
         reason = uncertainty.rejection_reason
-        if reason and not motion_state.is_predictable(images.stamp_s):
+        is_untold = bool(reason) and not motion_state.is_predictable(images.stamp_s)
+        if is_untold:
             with self._timer.stage("recovery"):
                 told = self._recovery.tell_motion(frame, motion_state, result.keyframe, self._map)
-            if told is None:
-                return self._fail(frame, images, track, result, reason)
-            self._stamp_s = last_stamp_s
-            return self.estimate(told)
+            if told is not None:
+                self._stamp_s = last_stamp_s
+                return self.estimate(told)
+        self._brightness_weight = self._brightness_weight.update(uncertainty.shared_error)
+        if is_untold:
+            return self._fail(frame, images, track, result, reason)
         if contradiction := contradiction_reason(result, uncertainty, motion_state, images.stamp_s):
             return self._fail(frame, images, track, result, contradiction)
         # Filter: the measured pose is fused with the predicted one.
@@ -353,11 +355,11 @@ class DirectOdometry:
     ) -> Estimate:
         """Keep the pose; after too many failures drop the keyframes and start again.
 
-        With wheels, go on by them.
+        If wheels or features tell the motion, go on by it.
         """
         self._failures += 1
         if track.motion_state.told_motion is not None:
-            return self._follow_wheels(frame, images, track, result, reason)
+            return self._follow_told_motion(frame, images, track, result, reason)
         lost_s = images.stamp_s - track.motion_state.stamp_s
         if self._failures > MAX_FAILURES and (track.is_first or lost_s > MAX_LOST_S):
             return self._start(frame, images, is_reset=True)
@@ -365,7 +367,7 @@ class DirectOdometry:
             False, reason, make_tracking_debug(result.keyframe, result.alignment)
         )
 
-    def _follow_wheels(
+    def _follow_told_motion(
         self,
         frame: RgbdFrame,
         images: ImagePyramid,
@@ -474,7 +476,7 @@ class DirectOdometry:
             T_reference_camera,
             uncertainty.covariance,
             is_next_reference=is_next_reference,
-            # The drift of wheels has been added up since the last good view.
+            # The drift of a told motion has been added up since the last good view.
             has_biased_error=uncertainty.has_biased_error
             and not (uncertainty.rejection_reason and track.motion_state.told_motion),
         )

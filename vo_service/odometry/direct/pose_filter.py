@@ -62,14 +62,14 @@ def fuse_with_prediction(
         the last well constrained frame.
     """
     is_degenerate = bool(uncertainty.rejection_reason)
-    # The measured pose of a good view takes account of what wheels tell: it is not counted again.
+    # The measured pose of a good view takes account of the told motion: it is not counted again.
     predicting = motion_state if is_degenerate else motion_state.with_pose_prior(None)
     told = predicting.told_motion
     extrapolated = step = NO_INFORMATION
     if is_degenerate:
         extrapolated = step = information_of_prediction(motion_state, stamp_s)
     if told is not None:
-        # The drift of wheels makes the pose less certain, but not their motion since the last one.
+        # Drift makes the pose less certain, but not the motion since the last one.
         step = told.information
     T_world_camera, velocity, covariance, normalized_innovation = _fuse(
         (result.T_world_camera, result.alignment.camera_velocity),
@@ -123,8 +123,8 @@ def contradiction_reason(
 def information_of_prediction(motion_state: MotionState, stamp_s: float) -> Array:
     """6x6 information of the predicted pose where views have constrained too little for a while."""
     if motion_state.told_motion is not None:
-        of_wheels = np.linalg.inv(motion_state.next_drift.covariance)
-        return of_wheels + motion_state.told_motion.floor_information
+        of_told_motion = np.linalg.inv(motion_state.next_drift.covariance)
+        return of_told_motion + motion_state.told_motion.floor_information
     unconstrained_s = stamp_s - motion_state.well_constrained_stamp_s
     sigma_rate = np.clip(motion_state.velocity_noise, MAX_VELOCITY_SIGMA, UNKNOWN_VELOCITY_SIGMA)
     return np.diag(np.repeat((unconstrained_s * sigma_rate) ** -2.0, 3))

@@ -234,3 +234,15 @@ def test_features_at_rest_tell_nothing_of_a_camera_that_was_moving() -> None:
 
 def test_a_view_without_features_tells_nothing() -> None:
     assert told_by_features(remove_color(looking(0.1, 1)), 0.0) is None
+
+
+def test_what_features_tell_includes_the_floor() -> None:
+    floor = np.diag([0.0, 1e6, 0.0, 0.0, 0.0, 0.0])
+    of_floor = PosePrior(np.eye(4), floor, floor)
+    frame = looking(0.1, 1)
+    alone = told_by_features(frame, 0.0)
+    both = told_by_features(replace(frame, pose_prior=of_floor), 0.0)
+    assert alone is not None
+    assert both is not None
+    np.testing.assert_array_equal(both.floor_information, floor)
+    np.testing.assert_allclose(both.information, alone.information + floor)

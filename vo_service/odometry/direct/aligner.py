@@ -24,7 +24,6 @@ from vo_service.odometry.direct.motion import change_frame, constant_velocity_mo
 from vo_service.odometry.direct.parameters import VELOCITY_SIGMA
 from vo_service.odometry.direct.points import select_points
 from vo_service.odometry.direct.quality import occlusion_reason, rejection_reason
-from vo_service.odometry.direct.residuals import IN_IMAGE
 
 # Smallest share of the keyframe's points in view.
 MIN_OVERLAP = 0.3
@@ -92,7 +91,7 @@ class MovingView:
             self.images.brightness_ratio(keyframe),
             uniform_weights(),
         )
-        in_view = alignment.counts[IN_IMAGE] / max(len(alignment.samples), 1)
+        in_view = alignment.counts.in_image / max(len(alignment.samples.cell), 1)
         if rejection_reason(alignment) or occlusion_reason(alignment) or in_view < MIN_OVERLAP:
             return None
         uncertainty = estimate_uncertainty(

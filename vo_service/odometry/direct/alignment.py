@@ -34,18 +34,13 @@ from vo_service.odometry.direct.parameters import (
 )
 from vo_service.odometry.direct.points import (
     POINT_BRIGHTNESS,
+    Samples,
     empty_samples,
     warp_and_sample,
 )
 from vo_service.odometry.direct.residuals import (
-    CONTRAST,
-    DEPTH_NOISE,
-    GAIN,
-    NUM_COUNTS,
-    RESIDUAL_MODEL_SIZE,
-    SIGMA_BRIGHTNESS,
-    SIGMA_DEPTH,
-    WEIGHT_BRIGHTNESS,
+    ResidualCounts,
+    ResidualModel,
     count_residuals,
     fit_residual_model,
     weigh_regions,
@@ -69,17 +64,17 @@ class DirectAlignment:
     Attributes:
         T_camera_keyframe: 4x4.
         motion: (9,) of the keyframe's points in the keyframe's axes, see `motion`.
-        residual_model: (6,) gain, both sigmas, brightness weight and depth noise, see `residuals`.
-        counts: (7,) of the finest level, see `residuals`.
-        samples: (N, COLUMNS) of the finest level's points, see `points`.
+        residual_model: Of the finest level.
+        counts: Of the finest level.
+        samples: Of the finest level's points.
         cell_weights: (2, CELLS) of brightness and of depth.
     """
 
     T_camera_keyframe: Array
     motion: Array
-    residual_model: Array
-    counts: Array
-    samples: Array
+    residual_model: ResidualModel
+    counts: ResidualCounts
+    samples: Samples
     cell_weights: Array
 
     @cached_property
@@ -101,7 +96,7 @@ class DirectAlignment:
     @property
     def gain(self) -> float:
         """Ratio of the frame's brightness to the keyframe's."""
-        return float(self.residual_model[GAIN])
+        return self.residual_model.gain
 
     @cached_property
     def uses_brightness(self) -> bool:
@@ -121,22 +116,23 @@ def depth_only_weights() -> Array:
     return weights
 
 
-def initial_residual_model(images: ImagePyramid, points: Array, gain: float = 1.0) -> Array:
-    """(6,) residual model of a frame before the first step.
+def initial_residual_model(images: ImagePyramid, points: Array, gain: float = 1.0) -> ResidualModel:
+    """Return the residual model of a frame before the first step.
 
     Args:
         images: The frame.
         points: (N, COLUMNS) of the keyframe's finest level.
         gain: Initial ratio of the frame's brightness to the keyframe's.
     """
-    residual_model = np.empty(RESIDUAL_MODEL_SIZE)
-    residual_model[GAIN] = gain
-    residual_model[SIGMA_BRIGHTNESS] = INITIAL_SIGMAS[0]
-    residual_model[SIGMA_DEPTH] = INITIAL_SIGMAS[1] * images.depth_noise
-    residual_model[WEIGHT_BRIGHTNESS] = images.brightness_weight
-    residual_model[DEPTH_NOISE] = images.depth_noise
-    residual_model[CONTRAST] = _contrast(points)
-    return residual_model
+    sigma_brightness, sigma_depth = INITIAL_SIGMAS
+    return ResidualModel(
+        gain,
+        sigma_brightness,
+        sigma_depth * images.depth_noise,
+        images.brightness_weight,
+        images.depth_noise,
+        _contrast(points),
+    )
 
 
 @kernel
@@ -170,7 +166,7 @@ def align(
     """
     levels, initial_model = images.levels, initial_residual_model(images, points[0], gain)
     if not len(points[0]):
-        nothing, samples = np.zeros(NUM_COUNTS), empty_samples(0)
+        nothing, samples = ResidualCounts(), empty_samples(0)
         return DirectAlignment(
             T_camera_keyframe, prior.motion, initial_model, nothing, samples, cell_weights
         )
@@ -201,9 +197,9 @@ def _align_levels(
     count: int,
     T: Array,
     prior: MotionPrior,
-    residual_model: Array,
+    residual_model: ResidualModel,
     cell_weights: Array,
-) -> tuple[Array, Array, Array, Array, Array, Array]:
+) -> tuple[Array, Array, ResidualModel, ResidualCounts, Samples, Array]:
     """Fields of `DirectAlignment`, see `align`. In one kernel, as each call from Python takes time.
 
     Args:
@@ -212,7 +208,7 @@ def _align_levels(
         count: Number of levels.
         T: 4x4 initial guess of T_camera_keyframe.
         prior: What is known of the motion.
-        residual_model: (6,) initial one.
+        residual_model: Initial one.
         cell_weights: (2, CELLS).
     """
     motion = prior.motion
@@ -222,7 +218,7 @@ def _align_levels(
         points[level], images[level], T, motion, residual_model, cell_weights
     )
     for level in range(count - 1, -1, -1):
-        T, motion = solve_level(
+        T, motion, residual_model = solve_level(
             points[level],
             images[level],
             T,
@@ -241,8 +237,8 @@ def _align_levels(
 
 def sample_points(
     points: PointPyramid, images: ImagePyramid, T: Array, motion: Array, level: int
-) -> Array:
-    """(N, COLUMNS) samples of a level's points at a given motion.
+) -> Samples:
+    """Sample a level's points at a given motion.
 
     Args:
         points: (N, COLUMNS) for each level, finest first.
@@ -255,7 +251,7 @@ def sample_points(
 
 
 @kernel
-def _sample_level(points: Array, images: LevelImages, T: Array, motion: Array) -> Array:
+def _sample_level(points: Array, images: LevelImages, T: Array, motion: Array) -> Samples:
     samples = empty_samples(len(points))
     warp_and_sample(points, images, T, body_motion(T, motion), samples)
     return samples
@@ -267,12 +263,12 @@ def _initial_region_weights(
     images: LevelImages,
     T: Array,
     motion: Array,
-    residual_model: Array,
+    residual_model: ResidualModel,
     cell_weights: Array,
 ) -> Array:
     """(2, CELLS) weights of the regions at the initial guess, by a level's points (N, COLUMNS)."""
-    samples, residual_model = _sample_level(points, images, T, motion), residual_model.copy()
+    samples = _sample_level(points, images, T, motion)
     weighted = weigh_samples(points, samples, cell_weights)
     for _ in range(INITIAL_MODEL_UPDATES):
-        fit_residual_model(points, weighted, residual_model)
+        residual_model = fit_residual_model(points, weighted, residual_model)
     return weigh_regions(points, samples, residual_model, cell_weights)

@@ -34,16 +34,10 @@ from vo_service.odometry.direct.points import (
     HAS_TEXTURE,
     POINT_BRIGHTNESS,
     POINT_BRIGHTNESS_VARIANCE,
-    SAMPLE_BRIGHTNESS,
-    SAMPLE_CELL,
-    SAMPLE_U,
-    SAMPLE_V,
+    Samples,
     squared_radius_change,
 )
-from vo_service.odometry.direct.residuals import (
-    GAIN,
-    SIGMA_BRIGHTNESS,
-)
+from vo_service.odometry.direct.residuals import ResidualModel
 
 # Added to the diagonal of a matrix before a system is solved, relative to its trace or diagonal.
 REGULARIZATION = 1e-9
@@ -121,22 +115,24 @@ class VignettingEstimate:
 
 @kernel
 def _regress(
-    points: Array, samples: Array, cell_weights: Array, residual_model: Array, intrinsics: Array
+    points: Array,
+    samples: Samples,
+    cell_weights: Array,
+    residual_model: ResidualModel,
+    intrinsics: Array,
 ) -> tuple[Array, Array]:
     """Normal equations (2, 2) and (2,) of changes of gain and vignetting."""
     H, g, J = np.zeros((2, 2)), np.zeros(2), np.empty(2)
     for i in range(len(points)):
-        brightness = samples[i, SAMPLE_BRIGHTNESS]
+        brightness = samples.brightness[i]
         if np.isnan(brightness) or points[i, HAS_TEXTURE] == 0:
             continue
-        u, v = samples[i, SAMPLE_U], samples[i, SAMPLE_V]
-        expected = residual_model[GAIN] * points[i, POINT_BRIGHTNESS]
-        residual = brightness_residual(
-            brightness, points[i, POINT_BRIGHTNESS], residual_model[GAIN]
-        )
-        variance = residual_model[SIGMA_BRIGHTNESS] ** 2 + points[i, POINT_BRIGHTNESS_VARIANCE]
+        u, v = samples.u[i], samples.v[i]
+        expected = residual_model.gain * points[i, POINT_BRIGHTNESS]
+        residual = brightness_residual(brightness, points[i, POINT_BRIGHTNESS], residual_model.gain)
+        variance = residual_model.sigma_brightness**2 + points[i, POINT_BRIGHTNESS_VARIANCE]
         w = student_weight(residual, variance)
-        w *= cell_weights[0, int(samples[i, SAMPLE_CELL])]
+        w *= cell_weights[0, samples.cell[i]]
         J[0], J[1] = expected, -expected * squared_radius_change(u, v, intrinsics, points[i])
         for a in range(2):
             for b in range(2):

@@ -42,16 +42,10 @@ from vo_service.odometry.direct.points import (
     POINT_BRIGHTNESS_GRADIENT,
     POINT_BRIGHTNESS_VARIANCE,
     POINT_DEPTH_GRADIENT,
-    SAMPLE_BRIGHTNESS,
-    SAMPLE_CELL,
-    SAMPLE_DEPTH_RESIDUAL,
-    SAMPLE_U,
-    SAMPLE_V,
+    Samples,
 )
 from vo_service.odometry.direct.residuals import (
-    GAIN,
-    WEIGHT_BRIGHTNESS,
-    residual_variances,
+    ResidualModel,
 )
 from vo_service.odometry.direct.small_matrices import add_residual, invert_cholesky, marginalize
 
@@ -92,26 +86,27 @@ class CalibrationView(NamedTuple):
 @kernel
 def measure_calibration(
     points: Array,
-    samples: Array,
+    samples: Samples,
     cell_weights: Array,
-    residual_model: Array,
+    residual_model: ResidualModel,
     view: CalibrationView,
 ) -> Array:
     """Information of one view about the calibration.
 
     Args:
         points: (N, COLUMNS) of the keyframe's finest level.
-        samples: (N, COLUMNS) of the view.
+        samples: Of the view.
         cell_weights: (2, CELLS).
-        residual_model: (6,), see `residuals`.
+        residual_model: Of the view.
         view: The view's velocities and calibration.
 
     Returns:
         (4, 5) information [A b]: A x = b at the best calibration x.
     """
     H, g = np.zeros((NUM_UNKNOWNS, NUM_UNKNOWNS)), np.zeros(NUM_UNKNOWNS)
-    row, gain = np.zeros(NUM_UNKNOWNS), residual_model[GAIN]
-    variance, variance_depth = residual_variances(residual_model)
+    row, gain = np.zeros(NUM_UNKNOWNS), residual_model.gain
+    variance = residual_model.sigma_brightness**2
+    variance_depth = residual_model.sigma_depth**2
     # Fields of a tuple cost time in a loop.
     T, intrinsics, height = view.T_camera_keyframe, view.intrinsics, view.height
     T_keyframe_camera = invert(T)
@@ -122,18 +117,18 @@ def measure_calibration(
     moved_keyframe, moved_by = -view.keyframe_velocity, (view.motion, -view.keyframe_motion)
     calibration, middle_row = view.calibration, 0.5 * (height - 1)
     for i in range(0, len(points), CALIBRATION_STRIDE):
-        point, sample = points[i], samples[i]
-        if np.isnan(sample[SAMPLE_BRIGHTNESS]):
+        point, u, v = points[i], samples.u[i], samples.v[i]
+        if np.isnan(samples.brightness[i]):
             continue
         v_keyframe = intrinsics[1] * point[1] / point[2] + intrinsics[3]
         # Times of the rows as shares of the readout.
-        shares = (sample[SAMPLE_V] - middle_row) / height, (v_keyframe - middle_row) / height
-        magnified = _magnify(point, sample[SAMPLE_U], sample[SAMPLE_V], intrinsics, T)
+        shares = (v - middle_row) / height, (v_keyframe - middle_row) / height
+        magnified = _magnify(point, u, v, intrinsics, T)
         J_depth = jacobian(point, POINT_DEPTH_GRADIENT, 1.0)
         for is_depth in range(2):
-            weight = cell_weights[is_depth, int(sample[SAMPLE_CELL])]
+            weight = cell_weights[is_depth, samples.cell[i]]
             if is_depth:
-                residual, J, by_depth = sample[SAMPLE_DEPTH_RESIDUAL], J_depth, -1.0
+                residual, J, by_depth = samples.depth_residual[i], J_depth, -1.0
                 if np.isnan(residual) or point[HAS_SHAPE] <= 0:
                     continue
                 weight *= student_weight(residual, variance_depth)
@@ -141,13 +136,11 @@ def measure_calibration(
             else:
                 if point[HAS_TEXTURE] <= 0:
                     continue
-                residual = brightness_residual(
-                    sample[SAMPLE_BRIGHTNESS], point[POINT_BRIGHTNESS], gain
-                )
+                residual = brightness_residual(samples.brightness[i], point[POINT_BRIGHTNESS], gain)
                 J = jacobian(point, POINT_BRIGHTNESS_GRADIENT, gain)
                 # Only parallax shows an error of the point's depth in its brightness.
                 by_depth = -point[2] * _along(J, camera_position)
-                weight *= residual_model[WEIGHT_BRIGHTNESS] * student_weight(
+                weight *= residual_model.brightness_weight * student_weight(
                     residual, variance + point[POINT_BRIGHTNESS_VARIANCE]
                 )
                 row[6] = -point[POINT_BRIGHTNESS]

@@ -46,12 +46,10 @@ from vo_service.odometry.direct.points import (
     NUM_ROW_BANDS,
     POINT_BRIGHTNESS_GRADIENT,
     POINT_DEPTH_GRADIENT,
-    SAMPLE_CELL,
-    SAMPLE_COLOR_BAND,
-    SAMPLE_DEPTH_BAND,
+    Samples,
 )
 from vo_service.odometry.direct.residuals import (
-    GAIN,
+    ResidualModel,
     WeightedSamples,
     weigh_samples,
 )
@@ -156,7 +154,7 @@ def estimate_uncertainty(
 @kernel
 def _analyze_view(
     points: Array,
-    alignment: tuple[Array, Array, Array],
+    alignment: tuple[Samples, Array, ResidualModel],
     images: LevelImages,
     T_camera_keyframe: Array,
     prior: MotionPrior,
@@ -312,9 +310,9 @@ def _timing_errors(bands: Array, information: Array, relative_motion: Array) -> 
 @kernel
 def accumulate_scores(
     points: Array,
-    samples: Array,
+    samples: Samples,
     weighted: WeightedSamples,
-    residual_model: Array,
+    residual_model: ResidualModel,
     images: LevelImages,
 ) -> tuple[Array, Array, Array, Array]:
     """Scores of the cells, the scatter of independent ones, and moments of the points.
@@ -324,9 +322,9 @@ def accumulate_scores(
 
     Args:
         points: (N, COLUMNS) of a keyframe level.
-        samples: (N, COLUMNS) of these points in a frame.
+        samples: Of these points in a frame.
         weighted: The same samples.
-        residual_model: (6,), see the top of `residuals`.
+        residual_model: Of the frame.
         images: The frame at the level.
 
     Returns:
@@ -336,17 +334,17 @@ def accumulate_scores(
     scores, moments = np.zeros((NUM_CELLS, NUM_UNKNOWNS)), np.zeros((4, 4))
     depth_scores, products = np.zeros((NUM_CELLS, NUM_UNKNOWNS)), np.zeros((6, 6))
     residuals, weights, depth_weights = student_weights(points, weighted, residual_model)
-    gain, depth = residual_model[GAIN], weighted.depth
+    gain, depth = residual_model.gain, weighted.depth
     readout_s, skew_s = images.readout_s, images.skew_s
     focal_px, depth_focal_px = images.intrinsics[0], images.depth_intrinsics[0]
     for i in range(len(points)):
-        cell = int(samples[i, SAMPLE_CELL])
+        cell = samples.cell[i]
         noise = 0.0
         if weights[i] != 0.0:
             w = weights[i]
             noise += w * (gain * SLOPE_NOISE[0] * focal_px / points[i, 2]) ** 2
             J = jacobian(points[i], POINT_BRIGHTNESS_GRADIENT, gain)
-            row = (samples[i, SAMPLE_COLOR_BAND] + 0.5) / NUM_ROW_BANDS - 0.5
+            row = (samples.color_band[i] + 0.5) / NUM_ROW_BANDS - 0.5
             _add_score(scores[cell], J, row * readout_s, w * residuals[i])
             for a in range(6):
                 for b in range(a + 1):
@@ -356,7 +354,7 @@ def accumulate_scores(
             slope_noise = SLOPE_NOISE[1] * images.depth_noise
             noise += w * (slope_noise * depth_focal_px / points[i, 2]) ** 2
             J = jacobian(points[i], POINT_DEPTH_GRADIENT, 1.0)
-            row = (samples[i, SAMPLE_DEPTH_BAND] + 0.5) / NUM_ROW_BANDS - 0.5
+            row = (samples.depth_band[i] + 0.5) / NUM_ROW_BANDS - 0.5
             _add_score(depth_scores[cell], J, row * readout_s + skew_s, w * depth[i])
         if noise > 0.0:
             q = points[i, 0], points[i, 1], points[i, 2], 1.0

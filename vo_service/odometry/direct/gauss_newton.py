@@ -8,6 +8,7 @@ Rolling Shutter RGB-D Cameras" (ICCV 2015).
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.core.geometry import Array
 from drivers.core.jit import inline_kernel, kernel
@@ -39,17 +40,14 @@ from vo_service.odometry.direct.points import (
     POINT_BRIGHTNESS_GRADIENT,
     POINT_BRIGHTNESS_VARIANCE,
     POINT_DEPTH_GRADIENT,
-    SAMPLE_COLOR_BAND,
-    SAMPLE_DEPTH_BAND,
+    Samples,
     empty_samples,
     warp_and_sample,
 )
 from vo_service.odometry.direct.residuals import (
-    GAIN,
-    WEIGHT_BRIGHTNESS,
+    ResidualModel,
     WeightedSamples,
     fit_residual_model,
-    residual_variances,
     weigh_regions,
     weigh_samples,
 )
@@ -121,9 +119,9 @@ def solve_level(
     motion: Array,
     prior: MotionPrior,
     base_weights: Array,
-    residual_model: Array,
+    residual_model: ResidualModel,
     limits: StepLimits,
-) -> tuple[Array, Array]:
+) -> tuple[Array, Array, ResidualModel]:
     """Refine T_camera_keyframe and the motion on one level.
 
     Args:
@@ -133,11 +131,11 @@ def solve_level(
         motion: (9,) initial guess, of the keyframe's points in the keyframe's axes.
         prior: Prior of the motion.
         base_weights: (2, CELLS) before the weights of the regions.
-        residual_model: (6,), in and out, see `residuals`.
+        residual_model: Initial one.
         limits: When the steps end.
 
     Returns:
-        T_camera_keyframe 4x4 and the motion (9,).
+        T_camera_keyframe 4x4, the motion (9,), and the residual model.
     """
     T, expected, motion = T_camera_keyframe.copy(), motion.copy(), motion.copy()
     samples, information_of_prior = empty_samples(len(points)), prior_information(prior)
@@ -146,7 +144,7 @@ def solve_level(
         cell_weights = weigh_regions(points, samples, residual_model, base_weights)
         weighted = weigh_samples(points, samples, cell_weights)
         for _ in range(INITIAL_MODEL_UPDATES if step == 0 else 1):
-            fit_residual_model(points, weighted, residual_model)
+            residual_model = fit_residual_model(points, weighted, residual_model)
         bands = accumulate(points, samples, weighted, residual_model)
         H, g = expand_rolling_shutter(bands, images.readout_s, images.skew_s)
         if prior.rate_hz != 0.0:
@@ -165,12 +163,12 @@ def solve_level(
             motion[k] -= x[6 + k]
         if step_size < limits.min_step_size:
             break
-    return T, motion
+    return T, motion, residual_model
 
 
 @kernel
 def accumulate(
-    points: Array, samples: Array, weighted: WeightedSamples, residual_model: Array
+    points: Array, samples: Samples, weighted: WeightedSamples, residual_model: ResidualModel
 ) -> Array:
     """(2 BANDS, 27) sums over the bands of the color image, then over those of the depth image.
 
@@ -180,16 +178,16 @@ def accumulate(
 
     Args:
         points: (N, COLUMNS) of a keyframe level.
-        samples: (N, COLUMNS) of these points in a frame.
+        samples: Of these points in a frame.
         weighted: The same samples.
-        residual_model: (6,), see the top of `residuals`.
+        residual_model: Of the frame.
     """
     sums = np.zeros((2 * NUM_ROW_BANDS, NUM_SUMS))
     residuals, weights, depth_weights = student_weights(points, weighted, residual_model)
     _add_residuals(
         points,
-        (POINT_BRIGHTNESS_GRADIENT, residual_model[GAIN]),
-        samples[:, SAMPLE_COLOR_BAND],
+        (POINT_BRIGHTNESS_GRADIENT, residual_model.gain),
+        samples.color_band,
         weights,
         residuals,
         sums[:NUM_ROW_BANDS],
@@ -197,7 +195,7 @@ def accumulate(
     _add_residuals(
         points,
         (POINT_DEPTH_GRADIENT, 1.0),
-        samples[:, SAMPLE_DEPTH_BAND],
+        samples.depth_band,
         depth_weights,
         weighted.depth,
         sums[NUM_ROW_BANDS:],
@@ -209,7 +207,7 @@ def accumulate(
 def _add_residuals(
     points: Array,
     gradient: tuple[int, float],
-    bands: Array,
+    bands: NDArray[np.int32],
     weights: Array,
     residuals: Array,
     sums: Array,
@@ -251,7 +249,7 @@ def _add_residuals(
 
 @kernel
 def student_weights(
-    points: Array, weighted: WeightedSamples, residual_model: Array
+    points: Array, weighted: WeightedSamples, residual_model: ResidualModel
 ) -> tuple[Array, Array, Array]:
     """Residuals (N,) of brightness, and weights (N,) of brightness and of depth.
 
@@ -260,16 +258,17 @@ def student_weights(
     Args:
         points: (N, COLUMNS) of a keyframe level.
         weighted: The samples of these points in a frame.
-        residual_model: (6,), see the top of `residuals`.
+        residual_model: Of the frame.
     """
     count = len(points)
     residuals, weights, depth_weights = np.empty(count), np.empty(count), np.empty(count)
     keyframe_brightness = points[:, POINT_BRIGHTNESS]
     point_variance = points[:, POINT_BRIGHTNESS_VARIANCE]
     brightness, brightness_weight, depth, depth_weight = weighted
-    gain = residual_model[GAIN]
-    weight_of_brightness = residual_model[WEIGHT_BRIGHTNESS]
-    variance, variance_depth = residual_variances(residual_model)
+    gain = residual_model.gain
+    weight_of_brightness = residual_model.brightness_weight
+    variance = residual_model.sigma_brightness**2
+    variance_depth = residual_model.sigma_depth**2
     for i in range(count):
         residual = brightness_residual(brightness[i], keyframe_brightness[i], gain)
         residuals[i] = residual

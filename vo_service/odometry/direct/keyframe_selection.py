@@ -65,6 +65,7 @@ from vo_service.odometry.direct.quality import (
     occluded_fraction,
 )
 from vo_service.odometry.direct.residuals import (
+    ResidualModel,
     count_residuals,
     fit_residual_model,
     weigh_regions,
@@ -200,7 +201,7 @@ class _KeyframeFit:
 
     keyframe: DirectKeyframe
     T_keyframe_active: Array
-    residual_model: Array
+    residual_model: ResidualModel
     is_active: bool = False
 
 
@@ -222,7 +223,7 @@ def align_jointly(
         alignment: Of the frame with the active keyframe.
     """
     T = alignment.T_camera_keyframe
-    fits = [_KeyframeFit(active, np.eye(4), alignment.residual_model.copy(), is_active=True)]
+    fits = [_KeyframeFit(active, np.eye(4), alignment.residual_model, is_active=True)]
     for other in others:
         T_other_active = inverse(other.T_world_keyframe) @ active.T_world_keyframe
         residual_model = initial_residual_model(images, other.points[0])
@@ -264,7 +265,8 @@ def _linearize(
     cell_weights = weigh_regions(points, samples, model, uniform_weights())
     weighted = weigh_samples(points, samples, cell_weights)
     for _ in range(INITIAL_MODEL_UPDATES if step == 0 else 1):
-        fit_residual_model(points, weighted, model)
+        model = fit_residual_model(points, weighted, model)
+    fit.residual_model = model
     agrees = is_consistent(count_residuals(points, samples, model, cell_weights))
     if step > 0 and not fit.is_active and not agrees:
         return None

@@ -9,6 +9,7 @@ A sample is the brightness and depth of a frame where it sees a point, each row 
 
 from collections.abc import Iterable
 from itertools import takewhile
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,24 +58,34 @@ from vo_service.odometry.direct.parameters import (
 NUM_POINT_COLUMNS = 13
 # The image is divided into this many bands of rows; all rows of a band get the same time.
 NUM_ROW_BANDS = 16
-# Columns of a sample: brightness; 1/z of the surface minus that of the point (1/m, as seen from the
-# keyframe); the cell; the bands of the color and of the depth image; the pixel in the whole color
-# image; NaN or -1 where there is none. Then the occlusion: 1 if another surface is in front of the
-# point, -1 if the point is in free space. Such a sample has neither brightness nor depth.
-(
-    SAMPLE_BRIGHTNESS,
-    SAMPLE_DEPTH_RESIDUAL,
-    SAMPLE_CELL,
-    SAMPLE_COLOR_BAND,
-    SAMPLE_DEPTH_BAND,
-    SAMPLE_U,
-    SAMPLE_V,
-    SAMPLE_OCCLUSION,
-) = range(8)
-NUM_SAMPLE_COLUMNS = 8
-OCCLUDED = 1.0
 # Depth pixels that a plane is fitted to, to either side.
 PLANE_RADIUS_STEPS = PLANE_RADIUS_PX // PLANE_STEP_PX
+
+
+class Samples(NamedTuple):
+    """Samples of N points in a frame; NaN or -1 where there is none.
+
+    Attributes:
+        brightness: (N,) gray levels.
+        depth_residual: (N,) 1/z of the surface minus that of the point, as seen from the keyframe,
+            1/m.
+        cell: (N,) cell of the image.
+        color_band: (N,) band of rows of the color image.
+        depth_band: (N,) band of rows of the depth image.
+        u: (N,) column in the whole color image.
+        v: (N,) row in it.
+        occlusion: (N,) 1 if another surface is in front of the point, -1 if the point is in free
+            space. Such a sample has neither brightness nor depth.
+    """
+
+    brightness: Array
+    depth_residual: Array
+    cell: NDArray[np.int32]
+    color_band: NDArray[np.int32]
+    depth_band: NDArray[np.int32]
+    u: Array
+    v: Array
+    occlusion: NDArray[np.int32]
 
 
 def select_points(
@@ -337,14 +348,23 @@ def _fit_surface(
 
 
 @kernel
-def empty_samples(count: int) -> Array:
-    """(N, COLUMNS) for the samples of N points; columns are contiguous, see `select_points`."""
-    return np.empty((NUM_SAMPLE_COLUMNS, count)).T
+def empty_samples(count: int) -> Samples:
+    """Arrays for the samples of N points."""
+    return Samples(
+        np.empty(count),
+        np.empty(count),
+        np.empty(count, np.int32),
+        np.empty(count, np.int32),
+        np.empty(count, np.int32),
+        np.empty(count),
+        np.empty(count),
+        np.empty(count, np.int32),
+    )
 
 
 @kernel
 def warp_and_sample(
-    points: Array, images: LevelImages, T_camera_keyframe: Array, motion: Array, samples: Array
+    points: Array, images: LevelImages, T_camera_keyframe: Array, motion: Array, samples: Samples
 ) -> None:
     """Fill in the samples of points.
 
@@ -353,7 +373,7 @@ def warp_and_sample(
         images: The frame at that level.
         T_camera_keyframe: 4x4.
         motion: (9,) of the camera in its own axes at the frame's stamp, see `motion`.
-        samples: (N, COLUMNS), out.
+        samples: Of the points, out.
     """
     u_color, v_color, u_depth, v_depth, inverse_z = project_rolling_shutter(
         points, images, T_camera_keyframe, motion
@@ -431,7 +451,7 @@ def _fill_samples(
     surface: Array,
     points: Array,
     images: LevelImages,
-    samples: Array,
+    samples: Samples,
 ) -> None:
     """Fill in the samples. Without branches, so that the compiler vectorizes the loop.
 
@@ -442,13 +462,15 @@ def _fill_samples(
         surface: (N,) 1/z of the frame, 1/m; 0 without a reading.
         points: (N, COLUMNS) of a keyframe level.
         images: The frame, for its size and noise.
-        samples: (N, COLUMNS), out.
+        samples: Of the points, out.
     """
     height, width = images.inverse_depth.shape
     noise = images.depth_noise
     per_width, per_height = 1.0 / width, 1.0 / height
     u_color, v_color, v_depth = pixels
-    for n in range(len(samples)):
+    # Fields of a tuple cost time in a loop.
+    sampled, residuals, cells, color_bands, depth_bands, us, vs, occlusions = samples
+    for n in range(len(points)):
         u, v, w_point, w = u_color[n], v_color[n], inverse_z[n], surface[n]
         in_image = (brightness[n] >= 0.0) & (w_point > 0.0) & (w_point <= 1.0 / MIN_DEPTH_M)
         difference = w - w_point
@@ -457,27 +479,25 @@ def _fill_samples(
         is_other_surface = has_surface & (abs(difference) > same_surface)
         is_same_surface = has_surface & (not is_other_surface)
         is_visible = in_image & (not is_other_surface)
-        samples[n, SAMPLE_U] = u if in_image else -1.0
-        samples[n, SAMPLE_V] = v if in_image else -1.0
-        samples[n, SAMPLE_CELL] = cell_index(u * per_width, v * per_height) if in_image else -1.0
-        samples[n, SAMPLE_OCCLUSION] = np.sign(difference) if is_other_surface else 0.0
+        us[n] = u if in_image else -1.0
+        vs[n] = v if in_image else -1.0
+        cells[n] = cell_index(u * per_width, v * per_height) if in_image else -1
+        occlusions[n] = np.sign(difference) if is_other_surface else 0
         residual = difference / (w_point * points[n, 2]) ** 2
-        samples[n, SAMPLE_DEPTH_RESIDUAL] = residual if is_same_surface else np.nan
-        depth_band = _row_band(v_depth[n] * per_height)
-        samples[n, SAMPLE_DEPTH_BAND] = depth_band if is_same_surface else -1.0
-        samples[n, SAMPLE_BRIGHTNESS] = brightness[n] if is_visible else np.nan
-        samples[n, SAMPLE_COLOR_BAND] = _row_band(v * per_height) if is_visible else -1.0
+        residuals[n] = residual if is_same_surface else np.nan
+        depth_bands[n] = _row_band(v_depth[n] * per_height) if is_same_surface else -1
+        sampled[n] = brightness[n] if is_visible else np.nan
+        color_bands[n] = _row_band(v * per_height) if is_visible else -1
 
 
 @kernel
 def _correct_vignetting(
-    vignetting: float, points: Array, intrinsics: Array, samples: Array
+    vignetting: float, points: Array, intrinsics: Array, samples: Samples
 ) -> None:
-    """Correct the brightness of samples (N, COLUMNS) to that at the keyframe's pixel."""
+    """Correct the brightness of samples to that at the keyframe's pixel."""
     for n in range(len(points)):
-        u, v = samples[n, SAMPLE_U], samples[n, SAMPLE_V]
-        change = squared_radius_change(u, v, intrinsics, points[n])
-        samples[n, SAMPLE_BRIGHTNESS] *= 1.0 + vignetting * change
+        change = squared_radius_change(samples.u[n], samples.v[n], intrinsics, points[n])
+        samples.brightness[n] *= 1.0 + vignetting * change
 
 
 @inline_kernel

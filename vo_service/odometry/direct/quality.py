@@ -3,7 +3,6 @@
 Also the result of the tracking, with its debug data for a viewer.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -36,24 +35,10 @@ from vo_service.odometry.direct.parameters import (
     MIN_SAMPLES,
     SUSPECT_SIGMA_SHARE,
 )
-from vo_service.odometry.direct.points import (
-    SAMPLE_BRIGHTNESS,
-    SAMPLE_CELL,
-    SAMPLE_U,
-)
+from vo_service.odometry.direct.points import Samples
 from vo_service.odometry.direct.residuals import (
-    BRIGHTNESS_AGREES,
-    CONTRAST,
-    DEPTH_AGREES,
-    DEPTH_NOISE,
-    DISREGARDED,
-    GAIN,
-    IN_IMAGE,
-    NUM_OCCLUDED,
-    SIGMA_BRIGHTNESS,
-    SIGMA_DEPTH,
-    WITH_BRIGHTNESS,
-    WITH_DEPTH,
+    ResidualCounts,
+    ResidualModel,
     find_inliers,
     negative_log_likelihood,
 )
@@ -64,20 +49,16 @@ POINT_STRIDE = 4
 NO_DEPTH = "brightness only: no depth in view"
 
 
-def is_consistent(counts: Array) -> bool:
-    """Whether most depth and brightness samples agree with the keyframe, by the counts (7,)."""
-    return not _inconsistency_reason(counts.tolist())
+def is_consistent(counts: ResidualCounts) -> bool:
+    """Whether most depth and brightness samples agree with the keyframe."""
+    return not _inconsistency_reason(counts)
 
 
-def _inconsistency_reason(counts: Sequence[float]) -> str:
+def _inconsistency_reason(counts: ResidualCounts) -> str:
     """Which kind of samples does not agree with the keyframe; "" if both do."""
     for what, agreeing, total in (
-        ("depth samples", counts[DEPTH_AGREES], counts[WITH_DEPTH]),
-        (
-            "brightness samples",
-            counts[BRIGHTNESS_AGREES],
-            counts[WITH_BRIGHTNESS],
-        ),
+        ("depth samples", counts.depth_agrees, counts.with_depth),
+        ("brightness samples", counts.brightness_agrees, counts.with_brightness),
     ):
         if agreeing < MIN_CONSISTENT_SHARE * total:
             return f"only {agreeing:.0f} of {total:.0f} {what} agree with the keyframe"
@@ -86,17 +67,17 @@ def _inconsistency_reason(counts: Sequence[float]) -> str:
 
 def rejection_reason(alignment: DirectAlignment) -> str:
     """Why an alignment is rejected; "" if it is valid."""
-    counts, model = alignment.counts.tolist(), alignment.residual_model.tolist()
-    points = len(alignment.samples)
-    in_view = int(counts[IN_IMAGE])
+    counts = alignment.counts
+    points = len(alignment.samples.cell)
+    in_view = int(counts.in_image)
     if in_view < max(MIN_IN_VIEW_SHARE * points, MIN_SAMPLES):
         return f"only {in_view} of {points} points of the keyframe are in view"
-    if counts[DISREGARDED] > MAX_MOVING_OR_OCCLUDED_SHARE * in_view:
-        return f"{100 * counts[DISREGARDED] / in_view:.0f} % of the view does not fit"
-    sampled = int(counts[WITH_DEPTH] + counts[WITH_BRIGHTNESS])
+    if counts.disregarded > MAX_MOVING_OR_OCCLUDED_SHARE * in_view:
+        return f"{100 * counts.disregarded / in_view:.0f} % of the view does not fit"
+    sampled = int(counts.with_depth + counts.with_brightness)
     if sampled < MIN_SAMPLES:
         return f"only {sampled} samples in view"
-    if alignment.uses_brightness and not GAIN_RANGE[0] < model[GAIN] < GAIN_RANGE[1]:
+    if alignment.uses_brightness and not GAIN_RANGE[0] < alignment.gain < GAIN_RANGE[1]:
         return "the brightness changed too much against the keyframe"
     if reason := _inconsistency_reason(counts):
         return reason
@@ -110,12 +91,12 @@ def rejection_reason(alignment: DirectAlignment) -> str:
 
 def relative_sigmas(alignment: DirectAlignment) -> tuple[float, float]:
     """Sigmas of brightness and of depth, relative to the largest valid ones."""
-    model = alignment.residual_model.tolist()
+    model = alignment.residual_model
     max_brightness = max(
-        MAX_VALID_RATIOS[0] * INITIAL_SIGMAS[0], MAX_VALID_CONTRAST_SHARE * model[CONTRAST]
+        MAX_VALID_RATIOS[0] * INITIAL_SIGMAS[0], MAX_VALID_CONTRAST_SHARE * model.contrast
     )
-    max_depth = MAX_VALID_RATIOS[1] * INITIAL_SIGMAS[1] * model[DEPTH_NOISE]
-    return model[SIGMA_BRIGHTNESS] / max_brightness, model[SIGMA_DEPTH] / max_depth
+    max_depth = MAX_VALID_RATIOS[1] * INITIAL_SIGMAS[1] * model.depth_noise
+    return model.sigma_brightness / max_brightness, model.sigma_depth / max_depth
 
 
 def is_suspect(alignment: DirectAlignment) -> bool:
@@ -126,24 +107,24 @@ def is_suspect(alignment: DirectAlignment) -> bool:
 
 def occluded_fraction(alignment: DirectAlignment) -> float:
     """Share of the view in which something occludes the keyframe's points."""
-    count = alignment.counts[NUM_OCCLUDED]
-    return float(count / max(count + alignment.counts[IN_IMAGE], 1.0))
+    count = alignment.counts.occluded
+    return count / max(count + alignment.counts.in_image, 1.0)
 
 
 def occlusion_reason(alignment: DirectAlignment) -> str:
     """Why a good fit may be that of an object in front of the room; "" if it is not."""
-    moving = alignment.counts[DISREGARDED] / max(alignment.counts[IN_IMAGE], 1.0)
+    moving = alignment.counts.disregarded / max(alignment.counts.in_image, 1.0)
     share = 1.0 - (1.0 - occluded_fraction(alignment)) * (1.0 - moving)
     return _occlusion_message(share) if share > MAX_MOVING_OR_OCCLUDED_SHARE else ""
 
 
 def degradation_reason(alignment: DirectAlignment) -> str:
     """What an alignment lacks; "" if depth and brightness constrain nearly all of the view."""
-    counts = alignment.counts.tolist()
-    enough = MIN_MODALITY_SHARE * counts[IN_IMAGE]
-    if counts[WITH_BRIGHTNESS] < enough:
+    counts = alignment.counts
+    enough = MIN_MODALITY_SHARE * counts.in_image
+    if counts.with_brightness < enough:
         return "depth only: no texture in view"
-    if counts[WITH_DEPTH] < enough:
+    if counts.with_depth < enough:
         return NO_DEPTH
     return (
         _occlusion_message(occluded_fraction(alignment))
@@ -160,8 +141,8 @@ def make_tracking_debug(keyframe: DirectKeyframe, alignment: DirectAlignment) ->
     """Make the debug data of every 4th point; matches are points with a brightness sample."""
     return TrackingDebug(
         *_select_drawn_points(
-            keyframe.points[0][::POINT_STRIDE],
-            alignment.samples[::POINT_STRIDE],
+            keyframe.points[0],
+            alignment.samples,
             alignment.residual_model,
             keyframe.images.intrinsics[0],
         )
@@ -170,20 +151,22 @@ def make_tracking_debug(keyframe: DirectKeyframe, alignment: DirectAlignment) ->
 
 @kernel
 def _select_drawn_points(
-    points: Array, samples: Array, residual_model: Array, intrinsics: Array
+    points: Array, samples: Samples, residual_model: ResidualModel, intrinsics: Array
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_]]:
-    """Fields of `TrackingDebug`, of points (N, COLUMNS) and their samples (N, COLUMNS)."""
-    in_keyframe = _project_points(points, intrinsics)
+    """Fields of `TrackingDebug`, of every 4th of points (N, COLUMNS) and of their samples."""
+    in_keyframe = _project_points(points[::POINT_STRIDE], intrinsics)
     is_inlier = find_inliers(points, samples, residual_model)
     keypoints, matches = np.empty_like(in_keyframe), np.empty_like(in_keyframe)
     in_image = sampled = 0
-    for n in range(len(points)):
+    for drawn in range(len(in_keyframe)):
+        n = drawn * POINT_STRIDE
+        keypoints[in_image, 0] = matches[sampled, 0] = samples.u[n]
+        keypoints[in_image, 1] = matches[sampled, 1] = samples.v[n]
         for k in range(2):
-            keypoints[in_image, k] = matches[sampled, k] = samples[n, SAMPLE_U + k]
-            in_keyframe[sampled, k] = in_keyframe[n, k]
+            in_keyframe[sampled, k] = in_keyframe[drawn, k]
         is_inlier[sampled] = is_inlier[n]
-        in_image += samples[n, SAMPLE_CELL] >= 0.0
-        sampled += not np.isnan(samples[n, SAMPLE_BRIGHTNESS])
+        in_image += samples.cell[n] >= 0
+        sampled += not np.isnan(samples.brightness[n])
     return keypoints[:in_image], matches[:sampled], in_keyframe[:sampled], is_inlier[:sampled]
 
 

@@ -31,43 +31,57 @@ from vo_service.odometry.direct.parameters import (
 from vo_service.odometry.direct.points import (
     HAS_SHAPE,
     HAS_TEXTURE,
-    OCCLUDED,
     POINT_BRIGHTNESS,
     POINT_BRIGHTNESS_VARIANCE,
-    SAMPLE_BRIGHTNESS,
-    SAMPLE_CELL,
-    SAMPLE_DEPTH_RESIDUAL,
-    SAMPLE_OCCLUSION,
+    Samples,
 )
 
-# The residual model: gain of the keyframe's brightness, the two sigmas, the weight of brightness
-# relative to depth, the noise of a pixel's inverse depth, 1/m, and the standard deviation of the
-# keyframe's brightness, gray levels.
-GAIN, SIGMA_BRIGHTNESS, SIGMA_DEPTH, WEIGHT_BRIGHTNESS, DEPTH_NOISE, CONTRAST = range(6)
-RESIDUAL_MODEL_SIZE = 6
 # Upper bounds of the two sigmas, that of depth as a multiple of its noise.
 MAX_SIGMAS = (MAX_SIGMA_RATIO * INITIAL_SIGMAS[0], MAX_SIGMA_RATIO * INITIAL_SIGMAS[1])
-# The counts: points in the image that are not occluded; points in moving regions; by weight,
-# samples with depth, and those whose depth agrees within the gate; the same of brightness;
-# occluded points.
-(
-    IN_IMAGE,
-    DISREGARDED,
-    WITH_DEPTH,
-    DEPTH_AGREES,
-    WITH_BRIGHTNESS,
-    BRIGHTNESS_AGREES,
-    NUM_OCCLUDED,
-) = range(7)
-NUM_COUNTS = 7
 # Largest squared residual of an inlier, in variances; larger ones are clipped to it.
 MAX_SQUARED_RESIDUAL = INLIER_GATE_SIGMAS**2
 
 
-@inline_kernel
-def residual_variances(residual_model: Array) -> tuple[float, float]:
-    """Variances of brightness and of depth by the residual model (6,)."""
-    return residual_model[SIGMA_BRIGHTNESS] ** 2, residual_model[SIGMA_DEPTH] ** 2
+class ResidualModel(NamedTuple):
+    """Model of the residuals of a frame, fitted with its motion.
+
+    Attributes:
+        gain: Of the frame's brightness relative to the keyframe's.
+        sigma_brightness: Gray levels.
+        sigma_depth: Of the inverse depth, 1/m.
+        brightness_weight: Weight of brightness relative to depth.
+        depth_noise: Of a pixel's inverse depth, 1/m.
+        contrast: Standard deviation of the keyframe's brightness, gray levels.
+    """
+
+    gain: float
+    sigma_brightness: float
+    sigma_depth: float
+    brightness_weight: float
+    depth_noise: float
+    contrast: float
+
+
+class ResidualCounts(NamedTuple):
+    """Numbers of points, and sums of the weights of samples.
+
+    Attributes:
+        in_image: Points in the image that are not occluded.
+        disregarded: Points in moving regions.
+        with_depth: Weight of the samples with depth.
+        depth_agrees: Weight of those whose depth agrees within the gate.
+        with_brightness: Weight of the samples with brightness.
+        brightness_agrees: Weight of those whose brightness agrees within the gate.
+        occluded: Occluded points.
+    """
+
+    in_image: float = 0.0
+    disregarded: float = 0.0
+    with_depth: float = 0.0
+    depth_agrees: float = 0.0
+    with_brightness: float = 0.0
+    brightness_agrees: float = 0.0
+    occluded: float = 0.0
 
 
 class WeightedSamples(NamedTuple):
@@ -89,64 +103,66 @@ class WeightedSamples(NamedTuple):
 
 
 @kernel
-def weigh_samples(points: Array, samples: Array, cell_weights: Array) -> WeightedSamples:
+def weigh_samples(points: Array, samples: Samples, cell_weights: Array) -> WeightedSamples:
     """Select the samples that count, with the weights of their cells.
 
     Args:
         points: (N, COLUMNS) of a keyframe level.
-        samples: (N, COLUMNS) of these points in a frame.
+        samples: Of these points in a frame.
         cell_weights: (2, CELLS) of brightness and of depth.
     """
     count = len(points)
     brightness, brightness_weight = np.zeros(count), np.zeros(count)
     depth, depth_weight = np.zeros(count), np.zeros(count)
     for i in range(count):
-        cell = int(samples[i, SAMPLE_CELL])
-        if not np.isnan(samples[i, SAMPLE_BRIGHTNESS]) and points[i, HAS_TEXTURE] > 0:
-            brightness[i] = samples[i, SAMPLE_BRIGHTNESS]
+        cell = samples.cell[i]
+        if not np.isnan(samples.brightness[i]) and points[i, HAS_TEXTURE] > 0:
+            brightness[i] = samples.brightness[i]
             brightness_weight[i] = cell_weights[0, cell]
-        if not np.isnan(samples[i, SAMPLE_DEPTH_RESIDUAL]) and points[i, HAS_SHAPE] > 0:
-            depth[i] = samples[i, SAMPLE_DEPTH_RESIDUAL]
+        if not np.isnan(samples.depth_residual[i]) and points[i, HAS_SHAPE] > 0:
+            depth[i] = samples.depth_residual[i]
             depth_weight[i] = cell_weights[1, cell]
     return WeightedSamples(brightness, brightness_weight, depth, depth_weight)
 
 
 @kernel
-def fit_residual_model(points: Array, weighted: WeightedSamples, residual_model: Array) -> None:
-    """Update gain, offset and sigmas of the residual model (6,) in place, by one reweighting.
+def fit_residual_model(
+    points: Array, weighted: WeightedSamples, residual_model: ResidualModel
+) -> ResidualModel:
+    """Return the residual model with gain and sigmas updated by one reweighting.
 
     Args:
         points: (N, COLUMNS) of a keyframe level.
         weighted: The samples of these points in a frame.
-        residual_model: (6,), in and out.
+        residual_model: The one before.
     """
     weights, costs, depth_costs = _student_costs(points, weighted, residual_model)
     # Fields of a tuple cost time in a loop.
-    brightness, brightness_weight, _, depth_weight = weighted
+    brightness, brightness_weights, _, depth_weights = weighted
     n = chi = skk = skc = 0.0
     n_depth = chi_depth = 0.0
     for i in range(len(points)):
-        n += brightness_weight[i]
+        n += brightness_weights[i]
         chi += costs[i]
         w, keyframe_brightness = weights[i], points[i, POINT_BRIGHTNESS]
         skk += w * keyframe_brightness * keyframe_brightness
         skc += w * keyframe_brightness * brightness[i]
-        n_depth += depth_weight[i]
+        n_depth += depth_weights[i]
         chi_depth += depth_costs[i]
+    gain, sigma, sigma_depth, brightness_weight, noise, contrast = residual_model
     if n >= MIN_SIGMA_SAMPLES:
-        sigma = residual_model[SIGMA_BRIGHTNESS] * np.sqrt(chi / n)
-        residual_model[SIGMA_BRIGHTNESS] = min(max(sigma, MIN_SIGMAS[0]), MAX_SIGMAS[0])
+        sigma = min(max(sigma * np.sqrt(chi / n), MIN_SIGMAS[0]), MAX_SIGMAS[0])
         if skk > 0.0:
-            residual_model[GAIN] = min(max(skc / skk, GAIN_RANGE[0]), GAIN_RANGE[1])
+            gain = min(max(skc / skk, GAIN_RANGE[0]), GAIN_RANGE[1])
     if n_depth >= MIN_SIGMA_SAMPLES:
-        sigma = residual_model[SIGMA_DEPTH] * np.sqrt(chi_depth / n_depth)
-        noise = residual_model[DEPTH_NOISE]
-        residual_model[SIGMA_DEPTH] = min(max(sigma, MIN_SIGMAS[1] * noise), MAX_SIGMAS[1] * noise)
+        sigma_depth *= np.sqrt(chi_depth / n_depth)
+        sigma_depth = min(max(sigma_depth, MIN_SIGMAS[1] * noise), MAX_SIGMAS[1] * noise)
+    return ResidualModel(gain, sigma, sigma_depth, brightness_weight, noise, contrast)
 
 
 @kernel
 def _student_costs(
-    points: Array, weighted: WeightedSamples, residual_model: Array
+    points: Array, weighted: WeightedSamples, residual_model: ResidualModel
 ) -> tuple[Array, Array, Array]:
     """Weights (N,) of the brightness samples, and weighted squared residuals (N,), see above.
 
@@ -157,8 +173,9 @@ def _student_costs(
     keyframe_brightness = points[:, POINT_BRIGHTNESS]
     point_variance = points[:, POINT_BRIGHTNESS_VARIANCE]
     brightness, brightness_weight, depth, depth_weight = weighted
-    gain = residual_model[GAIN]
-    variance, variance_depth = residual_variances(residual_model)
+    gain = residual_model.gain
+    variance = residual_model.sigma_brightness**2
+    variance_depth = residual_model.sigma_depth**2
     for i in range(count):
         residual = brightness_residual(brightness[i], keyframe_brightness[i], gain)
         weights[i] = brightness_weight[i] * student_weight(residual, variance + point_variance[i])
@@ -169,40 +186,51 @@ def _student_costs(
 
 @kernel
 def count_residuals(
-    points: Array, samples: Array, residual_model: Array, cell_weights: Array
-) -> Array:
-    """Counts (7,) of a level's points.
+    points: Array, samples: Samples, residual_model: ResidualModel, cell_weights: Array
+) -> ResidualCounts:
+    """Count a level's points and samples.
 
     Args:
         points: (N, COLUMNS) of a keyframe level.
-        samples: (N, COLUMNS) of these points in a frame.
-        residual_model: (6,).
+        samples: Of these points in a frame.
+        residual_model: Of the frame.
         cell_weights: (2, CELLS) of brightness and of depth.
     """
-    counts = np.zeros(NUM_COUNTS)
+    in_image = disregarded = with_depth = depth_agrees = 0.0
+    with_brightness = brightness_agrees = occluded = 0.0
     squared, squared_depth = _squared_residuals(points, samples, residual_model)
     for i in range(len(points)):
-        cell = int(samples[i, SAMPLE_CELL])
-        if samples[i, SAMPLE_OCCLUSION] == OCCLUDED:
-            counts[NUM_OCCLUDED] += 1.0
+        cell = samples.cell[i]
+        if samples.occlusion[i] > 0:
+            occluded += 1.0
             continue
         if cell < 0:
             continue
         brightness_weight, depth_weight = cell_weights[0, cell], cell_weights[1, cell]
-        counts[IN_IMAGE] += 1.0
-        counts[DISREGARDED] += max(brightness_weight, depth_weight) < MIN_STATIC_WEIGHT
+        in_image += 1.0
+        disregarded += max(brightness_weight, depth_weight) < MIN_STATIC_WEIGHT
         is_free_space = np.isnan(squared[i])
         if points[i, HAS_SHAPE] > 0 and (is_free_space or not np.isnan(squared_depth[i])):
-            counts[WITH_DEPTH] += depth_weight
-            counts[DEPTH_AGREES] += depth_weight * (squared_depth[i] < MAX_SQUARED_RESIDUAL)
+            with_depth += depth_weight
+            depth_agrees += depth_weight * (squared_depth[i] < MAX_SQUARED_RESIDUAL)
         if points[i, HAS_TEXTURE] > 0:
-            counts[WITH_BRIGHTNESS] += brightness_weight
-            counts[BRIGHTNESS_AGREES] += brightness_weight * (squared[i] < MAX_SQUARED_RESIDUAL)
-    return counts
+            with_brightness += brightness_weight
+            brightness_agrees += brightness_weight * (squared[i] < MAX_SQUARED_RESIDUAL)
+    return ResidualCounts(
+        in_image,
+        disregarded,
+        with_depth,
+        depth_agrees,
+        with_brightness,
+        brightness_agrees,
+        occluded,
+    )
 
 
 @kernel
-def negative_log_likelihood(points: Array, samples: Array, residual_model: Array) -> float:
+def negative_log_likelihood(
+    points: Array, samples: Samples, residual_model: ResidualModel
+) -> float:
     """Mean negative log-likelihood of the brightness plus that of the depth, up to a constant.
 
     By Student's t. Larger residuals than those of inliers cost no more, and so does a point in free
@@ -210,13 +238,13 @@ def negative_log_likelihood(points: Array, samples: Array, residual_model: Array
 
     Args:
         points: (N, COLUMNS) of a keyframe level.
-        samples: (N, COLUMNS) of these points in a frame.
-        residual_model: (6,).
+        samples: Of these points in a frame.
+        residual_model: Of the frame.
     """
     squared, squared_depth = _squared_residuals(points, samples, residual_model)
     total = total_depth = count = count_depth = 0.0
     for i in range(len(points)):
-        if samples[i, SAMPLE_CELL] < 0 or samples[i, SAMPLE_OCCLUSION] == OCCLUDED:
+        if samples.cell[i] < 0 or samples.occlusion[i] > 0:
             continue
         is_free_space = np.isnan(squared[i])
         if points[i, HAS_SHAPE] > 0 and (is_free_space or not np.isnan(squared_depth[i])):
@@ -225,8 +253,8 @@ def negative_log_likelihood(points: Array, samples: Array, residual_model: Array
         if points[i, HAS_TEXTURE] > 0:
             total += _log_cost(squared[i])
             count += 1.0
-    of_brightness = total / max(count, 1.0) + np.log(residual_model[SIGMA_BRIGHTNESS])
-    of_depth = total_depth / max(count_depth, 1.0) + np.log(residual_model[SIGMA_DEPTH])
+    of_brightness = total / max(count, 1.0) + np.log(residual_model.sigma_brightness)
+    of_depth = total_depth / max(count_depth, 1.0) + np.log(residual_model.sigma_depth)
     return float(of_brightness + of_depth)
 
 
@@ -238,20 +266,23 @@ def _log_cost(squared: float) -> float:
 
 
 @kernel
-def find_inliers(points: Array, samples: Array, residual_model: Array) -> NDArray[np.bool_]:
+def find_inliers(
+    points: Array, samples: Samples, residual_model: ResidualModel
+) -> NDArray[np.bool_]:
     """(N,) whether a point's brightness and depth samples agree with it.
 
     Args:
         points: (N, COLUMNS) of a keyframe level.
-        samples: (N, COLUMNS) of these points in a frame.
-        residual_model: (6,).
+        samples: Of these points in a frame.
+        residual_model: Of the frame.
     """
     is_inlier = np.zeros(len(points), np.bool_)
-    gain = residual_model[GAIN]
-    variance, variance_depth = residual_variances(residual_model)
+    gain = residual_model.gain
+    variance = residual_model.sigma_brightness**2
+    variance_depth = residual_model.sigma_depth**2
     for i in range(len(points)):
-        brightness = samples[i, SAMPLE_BRIGHTNESS]
-        depth = samples[i, SAMPLE_DEPTH_RESIDUAL]
+        brightness = samples.brightness[i]
+        depth = samples.depth_residual[i]
         if np.isnan(brightness):
             continue
         residual = brightness_residual(brightness, points[i, POINT_BRIGHTNESS], gain)
@@ -267,7 +298,7 @@ def find_inliers(points: Array, samples: Array, residual_model: Array) -> NDArra
 
 @kernel
 def weigh_regions(
-    points: Array, samples: Array, residual_model: Array, base_weights: Array
+    points: Array, samples: Samples, residual_model: ResidualModel, base_weights: Array
 ) -> Array:
     """(2, CELLS) weights: the base weights, lowered where a cell fits worse than most cells do.
 
@@ -276,8 +307,8 @@ def weigh_regions(
 
     Args:
         points: (N, COLUMNS) of a keyframe level.
-        samples: (N, COLUMNS) of these points in a frame.
-        residual_model: (6,).
+        samples: Of these points in a frame.
+        residual_model: Of the frame.
         base_weights: (2, CELLS) of brightness and of depth.
     """
     means = _mean_cell_costs(points, samples, residual_model, base_weights)
@@ -296,7 +327,7 @@ def weigh_regions(
 
 @kernel
 def _mean_cell_costs(
-    points: Array, samples: Array, residual_model: Array, base_weights: Array
+    points: Array, samples: Samples, residual_model: ResidualModel, base_weights: Array
 ) -> Array:
     """(CELLS,) mean squared residual in variances, clipped; -1 for a cell with few samples.
 
@@ -305,8 +336,8 @@ def _mean_cell_costs(
     sums, counts = np.zeros(NUM_CELLS), np.zeros(NUM_CELLS)
     squared, squared_depth = _squared_residuals(points, samples, residual_model)
     for i in range(len(points)):
-        cell = int(samples[i, SAMPLE_CELL])
-        if cell < 0 or samples[i, SAMPLE_OCCLUSION] == OCCLUDED:
+        cell = samples.cell[i]
+        if cell < 0 or samples.occlusion[i] > 0:
             continue
         if np.isnan(squared[i]):
             sums[cell] += MAX_SQUARED_RESIDUAL
@@ -326,15 +357,18 @@ def _mean_cell_costs(
 
 
 @kernel
-def _squared_residuals(points: Array, samples: Array, residual_model: Array) -> tuple[Array, Array]:
+def _squared_residuals(
+    points: Array, samples: Samples, residual_model: ResidualModel
+) -> tuple[Array, Array]:
     """Squared residuals (N,) of brightness and of depth, in variances; NaN without a sample."""
     count = len(points)
     squared, squared_depth = np.empty(count), np.empty(count)
-    brightness, depth = samples[:, SAMPLE_BRIGHTNESS], samples[:, SAMPLE_DEPTH_RESIDUAL]
+    brightness, depth = samples.brightness, samples.depth_residual
     keyframe_brightness = points[:, POINT_BRIGHTNESS]
     point_variance = points[:, POINT_BRIGHTNESS_VARIANCE]
-    gain = residual_model[GAIN]
-    variance, variance_depth = residual_variances(residual_model)
+    gain = residual_model.gain
+    variance = residual_model.sigma_brightness**2
+    variance_depth = residual_model.sigma_depth**2
     for i in range(count):
         residual = brightness_residual(brightness[i], keyframe_brightness[i], gain)
         squared[i] = residual * residual / (variance + point_variance[i])

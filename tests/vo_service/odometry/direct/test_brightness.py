@@ -30,9 +30,6 @@ from vo_service.odometry.direct.motion import zero_motion
 from vo_service.odometry.direct.odometry import DirectOdometry
 from vo_service.odometry.direct.parameters import BRIGHTNESS_WEIGHT, MAX_VIGNETTING
 from vo_service.odometry.direct.points import select_points
-from vo_service.odometry.direct.residuals import (
-    SIGMA_BRIGHTNESS,
-)
 
 POINTS = select_points(build_image_pyramid(add_noise(render_view(), 0)), zero_motion(), ALL_STATIC)
 
@@ -167,7 +164,7 @@ def test_the_estimate_has_a_maximum() -> None:
 
 def test_correction_reduces_the_residuals() -> None:
     def spread(known: float) -> float:
-        return float(view_through_lens(0.2, known)[2].residual_model[SIGMA_BRIGHTNESS])
+        return view_through_lens(0.2, known)[2].residual_model.sigma_brightness
 
     assert spread(0.2) < 0.8 * spread(0.0)
 

@@ -15,7 +15,6 @@ from vo_service.odometry.direct.image_halving import halve
 from vo_service.odometry.direct.image_pyramid import build_image_pyramid
 from vo_service.odometry.direct.odometry import DirectOdometry
 from vo_service.odometry.direct.parameters import DEPTH_NOISE_PER_M, MAX_NOISE_STEP_PER_M
-from vo_service.odometry.direct.residuals import DEPTH_NOISE, SIGMA_DEPTH
 
 GOOD = make_result(np.zeros(6), np.zeros(6)).alignment
 
@@ -61,8 +60,8 @@ def test_depth_that_fits_does_not_raise_the_noise() -> None:
 
 
 def test_the_noise_is_raised_to_what_the_depth_needs_but_not_beyond_any_sensors() -> None:
-    model = GOOD.residual_model.copy()
-    model[SIGMA_DEPTH] = 8.0 * model[DEPTH_NOISE]
+    model = GOOD.residual_model
+    model = model._replace(sigma_depth=8.0 * model.depth_noise)
     misfit = replace(GOOD, residual_model=model)
     assert DepthNoise(2e-3).raised_for(misfit).value_per_m == pytest.approx(8e-3)
     large = DepthNoise(0.5 * MAX_NOISE_STEP_PER_M)

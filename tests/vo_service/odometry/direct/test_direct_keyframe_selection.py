@@ -18,7 +18,6 @@ from tests.vo_service.odometry.direct.rolling_shutter_views import (
 )
 from tests.vo_service.odometry.direct.tracking_results import MOTION
 from tests.vo_service.odometry.hand_held_sequence import assert_close
-from vo_service.odometry.direct import residuals as columns
 from vo_service.odometry.direct.alignment import STATIC_PRIOR, align, uniform_weights
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC, ImagePyramid, build_image_pyramid
 from vo_service.odometry.direct.keyframe import (
@@ -174,8 +173,8 @@ def test_a_frame_without_depth_becomes_no_keyframe() -> None:
 def test_no_keyframe_is_made_while_the_view_is_mostly_occluded() -> None:
     tracked, local_map = tracked_at(0.35), LocalMap()
     local_map.reset(AHEAD)
-    counts = tracked.result.alignment.counts.copy()
-    counts[columns.NUM_OCCLUDED] = counts[columns.IN_IMAGE]
+    counts = tracked.result.alignment.counts
+    counts = counts._replace(occluded=counts.in_image)
     alignment = replace(tracked.result.alignment, counts=counts)
     occluded = replace(tracked, result=replace(tracked.result, alignment=alignment))
     assert select(occluded, local_map) is AHEAD

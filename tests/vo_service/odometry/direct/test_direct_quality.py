@@ -1,14 +1,12 @@
 """Validity of an alignment by its counts and residuals."""
 
+from copy import deepcopy
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from drivers.core.geometry import Array
 from tests.vo_service.odometry.direct.rolling_shutter_views import add_noise, render_view
-from vo_service.odometry.direct import points as sampled
-from vo_service.odometry.direct import residuals as columns
 from vo_service.odometry.direct.alignment import (
     STATIC_PRIOR,
     DirectAlignment,
@@ -18,12 +16,18 @@ from vo_service.odometry.direct.alignment import (
 )
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC, build_image_pyramid
 from vo_service.odometry.direct.motion import zero_motion
-from vo_service.odometry.direct.points import select_points
+from vo_service.odometry.direct.points import Samples, select_points
 from vo_service.odometry.direct.quality import (
     degradation_reason,
     is_consistent,
     occlusion_reason,
     rejection_reason,
+)
+from vo_service.odometry.direct.residuals import (
+    ResidualCounts,
+    count_residuals,
+    find_inliers,
+    negative_log_likelihood,
 )
 
 POINTS = select_points(build_image_pyramid(add_noise(render_view(), 0)), zero_motion(), ALL_STATIC)
@@ -38,17 +42,11 @@ GOOD = align(
 
 
 def counted(**counts: float) -> DirectAlignment:
-    changed = GOOD.counts.copy()
-    for name, value in counts.items():
-        changed[getattr(columns, name)] = value
-    return replace(GOOD, counts=changed)
+    return replace(GOOD, counts=GOOD.counts._replace(**counts))
 
 
 def fitted(**fit: float) -> DirectAlignment:
-    changed = GOOD.residual_model.copy()
-    for name, value in fit.items():
-        changed[getattr(columns, name)] = value
-    return replace(GOOD, residual_model=changed)
+    return replace(GOOD, residual_model=GOOD.residual_model._replace(**fit))
 
 
 def test_a_good_alignment_is_accepted_without_a_reason() -> None:
@@ -59,17 +57,17 @@ def test_a_good_alignment_is_accepted_without_a_reason() -> None:
 @pytest.mark.parametrize(
     ("found", "reason"),
     [
-        (counted(IN_IMAGE=40), "only 40 of "),
+        (counted(in_image=40), "only 40 of "),
         (
-            counted(DISREGARDED=0.9 * GOOD.counts[columns.IN_IMAGE]),
+            counted(disregarded=0.9 * GOOD.counts.in_image),
             "90 % of the view does not fit",
         ),
-        (counted(DEPTH_AGREES=0), "depth samples agree with the keyframe"),
-        (counted(BRIGHTNESS_AGREES=0), "brightness samples agree with the keyframe"),
-        (counted(WITH_DEPTH=0, WITH_BRIGHTNESS=9), "only 9 samples in view"),
-        (fitted(SIGMA_DEPTH=1.0), "the depth does not fit"),
-        (fitted(SIGMA_BRIGHTNESS=100.0), "the brightness does not fit"),
-        (fitted(GAIN=9.0), "the brightness changed too much against the keyframe"),
+        (counted(depth_agrees=0), "depth samples agree with the keyframe"),
+        (counted(brightness_agrees=0), "brightness samples agree with the keyframe"),
+        (counted(with_depth=0, with_brightness=9), "only 9 samples in view"),
+        (fitted(sigma_depth=1.0), "the depth does not fit"),
+        (fitted(sigma_brightness=100.0), "the brightness does not fit"),
+        (fitted(gain=9.0), "the brightness changed too much against the keyframe"),
     ],
 )
 def test_a_bad_fit_is_rejected_and_reported(found: DirectAlignment, reason: str) -> None:
@@ -77,72 +75,70 @@ def test_a_bad_fit_is_rejected_and_reported(found: DirectAlignment, reason: str)
 
 
 def test_brightness_without_weight_does_not_reject() -> None:
-    dark = replace(fitted(SIGMA_BRIGHTNESS=100.0, GAIN=9.0), cell_weights=depth_only_weights())
+    dark = replace(fitted(sigma_brightness=100.0, gain=9.0), cell_weights=depth_only_weights())
     assert rejection_reason(dark) == ""
 
 
 def test_missing_information_is_reported() -> None:
-    assert "depth only" in degradation_reason(counted(WITH_BRIGHTNESS=0))
-    assert "brightness only" in degradation_reason(counted(WITH_DEPTH=0))
+    assert "depth only" in degradation_reason(counted(with_brightness=0))
+    assert "brightness only" in degradation_reason(counted(with_depth=0))
 
 
-def count_of(readings: Array) -> Array:
-    return columns.count_residuals(POINTS[0], readings, GOOD.residual_model, uniform_weights())
+def count_of(samples: Samples) -> ResidualCounts:
+    return count_residuals(POINTS[0], samples, GOOD.residual_model, uniform_weights())
 
 
-def cost_of(readings: Array) -> float:
-    return float(columns.negative_log_likelihood(POINTS[0], readings, GOOD.residual_model))
+def cost_of(samples: Samples) -> float:
+    return negative_log_likelihood(POINTS[0], samples, GOOD.residual_model)
 
 
 def test_samples_are_counted_by_their_state() -> None:
     counts = count_of(GOOD.samples)
-    assert counts[columns.IN_IMAGE] == np.count_nonzero(GOOD.samples[:, sampled.SAMPLE_CELL] >= 0)
-    assert 0.9 * counts[columns.WITH_DEPTH] < counts[columns.DEPTH_AGREES]
-    assert 0.9 * counts[columns.WITH_BRIGHTNESS] < counts[columns.BRIGHTNESS_AGREES]
-    assert counts[columns.DISREGARDED] == 0
+    assert counts.in_image == np.count_nonzero(GOOD.samples.cell >= 0)
+    assert 0.9 * counts.with_depth < counts.depth_agrees
+    assert 0.9 * counts.with_brightness < counts.brightness_agrees
+    assert counts.disregarded == 0
 
 
 def test_an_occluded_point_is_not_counted_and_one_seen_through_disagrees() -> None:
-    before, within = count_of(GOOD.samples), GOOD.samples[:, sampled.SAMPLE_CELL] < 16
-    hidden, through = GOOD.samples.copy(), GOOD.samples.copy()
-    for readings, sign in ((hidden, sampled.OCCLUDED), (through, -sampled.OCCLUDED)):
-        readings[within, sampled.SAMPLE_OCCLUSION] = sign
-        readings[within, sampled.SAMPLE_BRIGHTNESS] = readings[
-            within, sampled.SAMPLE_DEPTH_RESIDUAL
-        ] = np.nan
-    assert count_of(hidden)[columns.NUM_OCCLUDED] == np.count_nonzero(within)
-    assert count_of(hidden)[columns.IN_IMAGE] < before[columns.IN_IMAGE]
+    before, within = count_of(GOOD.samples), GOOD.samples.cell < 16
+    hidden, through = deepcopy(GOOD.samples), deepcopy(GOOD.samples)
+    for samples, occlusion in ((hidden, 1), (through, -1)):
+        samples.occlusion[within] = occlusion
+        samples.brightness[within] = samples.depth_residual[within] = np.nan
+    assert count_of(hidden).occluded == np.count_nonzero(within)
+    assert count_of(hidden).in_image < before.in_image
     assert is_consistent(count_of(hidden))
-    assert count_of(through)[columns.IN_IMAGE] == before[columns.IN_IMAGE]
-    assert count_of(through)[columns.DEPTH_AGREES] < 0.8 * before[columns.DEPTH_AGREES]
+    assert count_of(through).in_image == before.in_image
+    assert count_of(through).depth_agrees < 0.8 * before.depth_agrees
     assert cost_of(through) > cost_of(GOOD.samples)
-    others = POINTS[0][~within], hidden[~within]
-    of_others = columns.negative_log_likelihood(*others, GOOD.residual_model)
+    others = Samples._make(each[~within] for each in hidden)
+    of_others = negative_log_likelihood(POINTS[0][~within], others, GOOD.residual_model)
     assert cost_of(hidden) == pytest.approx(of_others)
 
 
 def test_points_agree_if_both_brightness_and_depth_do() -> None:
-    agreeing = columns.find_inliers(POINTS[0], GOOD.samples, GOOD.residual_model)
+    agreeing = find_inliers(POINTS[0], GOOD.samples, GOOD.residual_model)
     assert agreeing.mean() > 0.85
-    for column, by in ((sampled.SAMPLE_BRIGHTNESS, 200.0), (sampled.SAMPLE_DEPTH_RESIDUAL, 0.05)):
-        wrong = GOOD.samples.copy()
-        wrong[::2, column] += by
-        now = columns.find_inliers(POINTS[0], wrong, GOOD.residual_model)
+    for column, by in (("brightness", 200.0), ("depth_residual", 0.05)):
+        wrong = deepcopy(GOOD.samples)
+        getattr(wrong, column)[::2] += by
+        now = find_inliers(POINTS[0], wrong, GOOD.residual_model)
         assert now[::2].mean() < 0.3
         np.testing.assert_array_equal(now[1::2], agreeing[1::2])
 
 
 def occluded(share: float) -> DirectAlignment:
-    readings = GOOD.samples.copy()
-    readings[: int(share * len(readings)), sampled.SAMPLE_OCCLUSION] = sampled.OCCLUDED
-    return replace(GOOD, samples=readings, counts=count_of(readings))
+    samples = deepcopy(GOOD.samples)
+    samples.occlusion[: int(share * len(samples.occlusion))] = 1
+    return replace(GOOD, samples=samples, counts=count_of(samples))
 
 
 def test_a_mostly_occluded_view_is_rejected_however_well_the_rest_fits() -> None:
     assert occlusion_reason(GOOD) == occlusion_reason(occluded(0.4)) == ""
     assert "of the view is occluded" in occlusion_reason(occluded(0.7))
     assert rejection_reason(occluded(0.7)) == ""
-    unfit = counted(DISREGARDED=0.7 * GOOD.counts[columns.IN_IMAGE])
+    unfit = counted(disregarded=0.7 * GOOD.counts.in_image)
     assert occlusion_reason(unfit) == "70 % of the view is occluded"
 
 
@@ -152,9 +148,9 @@ def test_a_partly_occluded_view_is_reported() -> None:
 
 
 def test_of_two_motions_the_one_with_larger_residuals_is_less_likely() -> None:
-    wrong = GOOD.samples.copy()
-    wrong[:, sampled.SAMPLE_BRIGHTNESS] += 5.0
+    wrong = deepcopy(GOOD.samples)
+    wrong.brightness[:] += 5.0
     assert cost_of(wrong) > cost_of(GOOD.samples)
-    large = fitted(SIGMA_DEPTH=5.0 * GOOD.residual_model[columns.SIGMA_DEPTH])
-    worse = columns.negative_log_likelihood(POINTS[0], GOOD.samples, large.residual_model)
+    large = fitted(sigma_depth=5.0 * GOOD.residual_model.sigma_depth)
+    worse = negative_log_likelihood(POINTS[0], GOOD.samples, large.residual_model)
     assert worse > cost_of(GOOD.samples)

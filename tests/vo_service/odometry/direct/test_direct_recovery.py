@@ -31,11 +31,6 @@ from vo_service.odometry.direct.quality import (
     rejection_reason,
 )
 from vo_service.odometry.direct.recovery import DirectRecovery, FeatureSearch
-from vo_service.odometry.direct.residuals import (
-    DEPTH_NOISE,
-    SIGMA_BRIGHTNESS,
-    SIGMA_DEPTH,
-)
 from vo_service.odometry.features.extractor import SurfExtractor
 
 
@@ -97,7 +92,7 @@ def searched(frame: RgbdFrame, first: TrackingResult) -> TrackingResult:
 def plausible(found: TrackingResult) -> TrackingResult:
     """The same motion with valid residuals."""
     fit = initial_residual_model(AHEAD.images, AHEAD.points[0])
-    fit[SIGMA_BRIGHTNESS], fit[SIGMA_DEPTH] = 7.0, 1.4 * fit[DEPTH_NOISE]
+    fit = fit._replace(sigma_brightness=7.0, sigma_depth=1.4 * fit.depth_noise)
     alignment = replace(found.alignment, residual_model=fit, counts=at_home().alignment.counts)
     return replace(found, alignment=alignment)
 

@@ -32,14 +32,10 @@ from vo_service.odometry.direct.points import (
     HAS_TEXTURE,
     POINT_BRIGHTNESS_GRADIENT,
     POINT_DEPTH_GRADIENT,
-    SAMPLE_BRIGHTNESS,
-    SAMPLE_DEPTH_RESIDUAL,
+    Samples,
     select_points,
 )
 from vo_service.odometry.direct.residuals import (
-    GAIN,
-    SIGMA_BRIGHTNESS,
-    SIGMA_DEPTH,
     fit_residual_model,
     weigh_samples,
 )
@@ -89,19 +85,19 @@ def jacobians(first: int, has: int) -> tuple[Array, NDArray[np.bool_]]:
     return rows, counts
 
 
-def change(column: int, direction: Array) -> Array:
+def change(column: str, direction: Array) -> Array:
     """(N,) how readings change as the keyframe's points move a little, by differences."""
     there, back = (
         sample_points(POINTS, IMAGES, series_exponential(s * SMALL * direction), zero_motion(), 0)
         for s in (1, -1)
     )
-    return np.asarray((there[:, column] - back[:, column]) / (2 * SMALL))
+    return np.asarray((getattr(there, column) - getattr(back, column)) / (2 * SMALL))
 
 
 @pytest.mark.parametrize("direction", EVERY_DIRECTION)
 def test_depth_changes_as_its_jacobian_predicts(direction: Array) -> None:
     rows, counts = jacobians(POINT_DEPTH_GRADIENT, HAS_SHAPE)
-    predicted, true = rows @ direction, change(SAMPLE_DEPTH_RESIDUAL, direction)
+    predicted, true = rows @ direction, change("depth_residual", direction)
     counts = counts & np.isfinite(true)
     off = np.abs(predicted - true)[counts]
     assert np.median(off) < 0.03 * np.abs(true[counts]).max()
@@ -110,14 +106,14 @@ def test_depth_changes_as_its_jacobian_predicts(direction: Array) -> None:
 @pytest.mark.parametrize("direction", EVERY_DIRECTION)
 def test_brightness_changes_as_its_jacobian_predicts(direction: Array) -> None:
     rows, counts = jacobians(POINT_BRIGHTNESS_GRADIENT, HAS_TEXTURE)
-    predicted, true = rows @ direction, change(SAMPLE_BRIGHTNESS, direction)
+    predicted, true = rows @ direction, change("brightness", direction)
     counts = counts & np.isfinite(true)
     # The Jacobian has a slope over two pixels, the difference one between two.
     assert np.corrcoef(predicted[counts], true[counts])[0, 1] > 0.9
     assert np.polyfit(predicted[counts], true[counts], 1)[0] == pytest.approx(1.0, abs=0.2)
 
 
-def sum_up(samples: Array, cell_weights: Array) -> Array:
+def sum_up(samples: Samples, cell_weights: Array) -> Array:
     weighted = weigh_samples(POINTS[0], samples, cell_weights)
     return accumulate(POINTS[0], samples, weighted, initial_residual_model(IMAGES, POINTS[0]))
 
@@ -184,33 +180,31 @@ def test_cells_without_weight_have_no_effect() -> None:
 def test_brightness_and_sigmas_are_estimated(seed: int) -> None:
     random = np.random.default_rng(seed)
     samples = sample_points(POINTS, IMAGES, np.eye(4), zero_motion(), 0)
-    n = len(samples)
-    samples[:, SAMPLE_BRIGHTNESS] = 1.3 * POINTS[0][:, 3] + random.normal(0.0, 5.0, n)
-    samples[:, SAMPLE_DEPTH_RESIDUAL] = random.normal(0.0, 2e-3, n)
+    n = len(POINTS[0])
+    samples.brightness[:] = 1.3 * POINTS[0][:, 3] + random.normal(0.0, 5.0, n)
+    samples.depth_residual[:] = random.normal(0.0, 2e-3, n)
     wrong = random.uniform(size=n) < 0.05
-    samples[wrong, SAMPLE_BRIGHTNESS] = 255.0
+    samples.brightness[wrong] = 255.0
     weighted = weigh_samples(POINTS[0], samples, uniform_weights())
     residual_model = initial_residual_model(IMAGES, POINTS[0])
     for _ in range(20):
-        fit_residual_model(POINTS[0], weighted, residual_model)
-    assert residual_model[GAIN] == pytest.approx(1.3, abs=0.04)
+        residual_model = fit_residual_model(POINTS[0], weighted, residual_model)
+    assert residual_model.gain == pytest.approx(1.3, abs=0.04)
     # The variance of Student's t is larger than its squared sigma.
-    assert 3.0 < residual_model[SIGMA_BRIGHTNESS] < 6.5
-    assert 1.2e-3 < residual_model[SIGMA_DEPTH] < 2.3e-3
+    assert 3.0 < residual_model.sigma_brightness < 6.5
+    assert 1.2e-3 < residual_model.sigma_depth < 2.3e-3
 
 
 @pytest.mark.parametrize(("readings_each", "is_enough"), [(49, False), (50, True)])
 def test_too_few_samples_change_nothing(readings_each: int, is_enough: bool) -> None:
     both = (POINTS[0][:, HAS_TEXTURE] > 0) & (POINTS[0][:, HAS_SHAPE] > 0)
     chosen = np.flatnonzero(both)[:readings_each]
-    samples = np.asfortranarray(sample_points(POINTS, IMAGES, np.eye(4), zero_motion(), 0)[chosen])
+    of_all = sample_points(POINTS, IMAGES, np.eye(4), zero_motion(), 0)
+    samples = Samples._make(each[chosen] for each in of_all)
     points = np.asfortranarray(POINTS[0][chosen])
-    assert np.isfinite(samples[:, [SAMPLE_BRIGHTNESS, SAMPLE_DEPTH_RESIDUAL]]).all()
-    residual_model = initial_residual_model(IMAGES, POINTS[0])
+    assert np.isfinite([samples.brightness, samples.depth_residual]).all()
+    initial = initial_residual_model(IMAGES, POINTS[0])
     weighted = weigh_samples(points, samples, uniform_weights())
-    fit_residual_model(points, weighted, residual_model)
-    for spread in (SIGMA_BRIGHTNESS, SIGMA_DEPTH):
-        assert (
-            bool(residual_model[spread] != initial_residual_model(IMAGES, POINTS[0])[spread])
-            is is_enough
-        )
+    residual_model = fit_residual_model(points, weighted, initial)
+    assert (residual_model.sigma_brightness != initial.sigma_brightness) is is_enough
+    assert (residual_model.sigma_depth != initial.sigma_depth) is is_enough

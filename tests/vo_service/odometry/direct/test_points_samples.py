@@ -24,20 +24,12 @@ from vo_service.odometry.direct.image_pyramid import (
 )
 from vo_service.odometry.direct.motion import zero_motion
 from vo_service.odometry.direct.points import (
-    OCCLUDED,
-    SAMPLE_BRIGHTNESS,
-    SAMPLE_CELL,
-    SAMPLE_COLOR_BAND,
-    SAMPLE_DEPTH_BAND,
-    SAMPLE_DEPTH_RESIDUAL,
-    SAMPLE_OCCLUSION,
-    SAMPLE_U,
-    SAMPLE_V,
+    POINT_BRIGHTNESS,
+    Samples,
     empty_samples,
     select_points,
     warp_and_sample,
 )
-from vo_service.odometry.direct.points import POINT_BRIGHTNESS as POINT_BRIGHTNESS
 
 STANDING = zero_motion()
 POINTS = select_points(build_image_pyramid(render_view()), STANDING, ALL_STATIC)[0]
@@ -50,11 +42,16 @@ def sample_view(
     camera_motion: Array,
     points: Array = POINTS,
     vignetting: float = 0.0,
-) -> Array:
+) -> Samples:
     images = build_image_pyramid(frame, vignetting)
     samples = empty_samples(len(points))
     warp_and_sample(points, images.levels[0], T_camera_keyframe, camera_motion, samples)
     return samples
+
+
+def pixels(samples: Samples) -> Array:
+    """(N, 2) u and v."""
+    return np.stack([samples.u, samples.v], axis=1)
 
 
 def slowly(point: Array, velocity: Array, readout_s: float, late_s: float) -> Array:
@@ -72,13 +69,11 @@ def slowly(point: Array, velocity: Array, readout_s: float, late_s: float) -> Ar
 def test_every_point_is_sampled_at_the_time_of_its_row(readout_s: float, skew_s: float) -> None:
     frame = replace(render_view(), readout_s=readout_s, skew_s=skew_s)
     samples = sample_view(frame, AWAY, BRISK.motion)
-    in_view = samples[:, SAMPLE_U] >= 0
+    in_view = samples.u >= 0
     assert in_view.sum() > 500
     places = transform_points(AWAY, POINTS[in_view, :3])
     exact = [slowly(place, BRISK.velocity, readout_s, 0.0) for place in places[::10]]
-    np.testing.assert_allclose(
-        samples[in_view][::10][:, [SAMPLE_U, SAMPLE_V]], np.array(exact)[:, :2], atol=0.02
-    )
+    np.testing.assert_allclose(pixels(samples)[in_view][::10], np.array(exact)[:, :2], atol=0.02)
 
 
 @pytest.mark.parametrize(("readout_s", "skew_s"), [(0.0, 0.0), (0.03, 0.0), (0.02, -0.015)])
@@ -88,20 +83,19 @@ def test_a_rolling_shutter_view_samples_the_keyframe_brightness(
     """With the true motion the residuals are small, though every row has its own pose."""
     frame = render_view(BRISK, 0.2, readout_s=readout_s, skew_s=skew_s)
     samples = sample_view(frame, inverse(BRISK.pose_at(0.2)), BRISK.motion)
-    brightness = samples[:, SAMPLE_BRIGHTNESS] - POINTS[:, POINT_BRIGHTNESS]
+    brightness = samples.brightness - POINTS[:, POINT_BRIGHTNESS]
     assert np.isfinite(brightness).mean() > 0.7
     assert np.nanmedian(np.abs(brightness)) < 1.0
-    assert np.nanmedian(np.abs(samples[:, SAMPLE_DEPTH_RESIDUAL])) < 5e-5
+    assert np.nanmedian(np.abs(samples.depth_residual)) < 5e-5
     if readout_s:
         without = sample_view(frame, inverse(BRISK.pose_at(0.2)), STANDING)
-        assert np.nanmedian(np.abs(without[:, SAMPLE_DEPTH_RESIDUAL])) > 1e-4
+        assert np.nanmedian(np.abs(without.depth_residual)) > 1e-4
 
 
 def test_a_trembling_view_samples_the_keyframe_brightness() -> None:
     frame = render_view(SHAKING, readout_s=0.03, skew_s=0.01)
     with_timing, without_timing = (
-        sample_view(frame, np.eye(4), hand.motion)[:, SAMPLE_DEPTH_RESIDUAL]
-        for hand in (SHAKING, BRISK)
+        sample_view(frame, np.eye(4), hand.motion).depth_residual for hand in (SHAKING, BRISK)
     )
     assert np.nanmedian(np.abs(with_timing)) < 5e-5
     assert np.nanmedian(np.abs(without_timing)) > 3 * np.nanmedian(np.abs(with_timing))
@@ -116,76 +110,70 @@ def test_depth_is_sampled_later_by_the_skew() -> None:
     frame = render_view(forward, planes=(WALL,), skew_s=0.02)
     with_timing = sample_view(frame, np.eye(4), forward.motion, points)
     without_timing = sample_view(replace(frame, skew_s=0.0), np.eye(4), forward.motion, points)
-    assert np.nanmax(np.abs(with_timing[:, SAMPLE_DEPTH_RESIDUAL])) < 1e-4
+    assert np.nanmax(np.abs(with_timing.depth_residual)) < 1e-4
     # Closer by 12 mm at 2.2 m.
-    assert np.nanmedian(without_timing[:, SAMPLE_DEPTH_RESIDUAL]) == pytest.approx(
-        0.012 / 2.2**2, rel=0.1
-    )
+    assert np.nanmedian(without_timing.depth_residual) == pytest.approx(0.012 / 2.2**2, rel=0.1)
 
 
 def test_each_sample_has_its_cell_and_band() -> None:
     samples = sample_view(render_view(), np.eye(4), STANDING)
-    is_read = samples[:, SAMPLE_CELL] >= 0
-    rows = samples[is_read, SAMPLE_V] / CAMERA.height
+    is_read = samples.cell >= 0
+    rows = samples.v[is_read] / CAMERA.height
     cells = np.floor(rows * CELL_ROWS) * CELL_COLUMNS
-    cells += np.floor(samples[is_read, SAMPLE_U] / CAMERA.width * CELL_COLUMNS)
-    np.testing.assert_array_equal(samples[is_read, SAMPLE_CELL], cells)
-    assert np.all(np.diff(samples[is_read, SAMPLE_COLOR_BAND][np.argsort(rows)]) >= 0)
-    np.testing.assert_array_equal(
-        samples[is_read, SAMPLE_COLOR_BAND], samples[is_read, SAMPLE_DEPTH_BAND]
-    )
+    cells += np.floor(samples.u[is_read] / CAMERA.width * CELL_COLUMNS)
+    np.testing.assert_array_equal(samples.cell[is_read], cells)
+    assert np.all(np.diff(samples.color_band[is_read][np.argsort(rows)]) >= 0)
+    np.testing.assert_array_equal(samples.color_band[is_read], samples.depth_band[is_read])
 
 
 def test_points_outside_the_image_or_behind_the_camera_have_no_sample() -> None:
     aside = series_exponential(np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
     samples = sample_view(render_view(), aside, STANDING)
-    gone = samples[:, SAMPLE_CELL] < 0
+    gone = samples.cell < 0
     places = transform_points(aside, POINTS[:, :3])
     assert np.all(gone[CAMERA.fx * places[:, 0] / places[:, 2] + CAMERA.cx > CAMERA.width])
     assert 0 < gone.sum() < len(gone)
     behind = sample_view(
         render_view(), series_exponential(np.array([0, 0, 0, 0, np.pi, 0])), STANDING
     )
-    assert np.all(behind[:, SAMPLE_CELL] == -1)
-    for unread in (samples[gone], behind):
-        assert np.isnan(unread[:, [SAMPLE_BRIGHTNESS, SAMPLE_DEPTH_RESIDUAL]]).all()
+    assert np.all(behind.cell == -1)
+    for unread, which in ((samples, gone), (behind, ...)):
+        assert np.isnan(unread.brightness[which]).all()
+        assert np.isnan(unread.depth_residual[which]).all()
 
 
-@pytest.mark.parametrize(("times", "sign"), [(0.7, OCCLUDED), (1.6, -OCCLUDED)])
-def test_another_surface_occludes_a_point_or_is_behind_it(times: float, sign: float) -> None:
+@pytest.mark.parametrize(("times", "sign"), [(0.7, 1), (1.6, -1)])
+def test_another_surface_occludes_a_point_or_is_behind_it(times: float, sign: int) -> None:
     frame = render_view(planes=(WALL,))
     depth_raw = frame.depth_raw.copy()
     depth_raw[60:180, 80:240] = (depth_raw[60:180, 80:240] * times).astype(np.uint16)
     points = select_points(build_image_pyramid(frame), STANDING, ALL_STATIC)[0]
     samples = sample_view(replace(frame, depth_raw=depth_raw), np.eye(4), STANDING, points)
-    within = (np.abs(samples[:, SAMPLE_U] - 159.5) < 78) & (
-        np.abs(samples[:, SAMPLE_V] - 119.5) < 58
-    )
+    within = (np.abs(samples.u - 159.5) < 78) & (np.abs(samples.v - 119.5) < 58)
     assert within.sum() > 100
-    assert np.all(samples[within, SAMPLE_OCCLUSION] == sign)
-    assert np.isnan(samples[within][:, [SAMPLE_BRIGHTNESS, SAMPLE_DEPTH_RESIDUAL]]).all()
-    beyond = (np.abs(samples[:, SAMPLE_U] - 159.5) > 82) | (
-        np.abs(samples[:, SAMPLE_V] - 119.5) > 62
-    )
-    assert not samples[beyond, SAMPLE_OCCLUSION].any()
+    assert np.all(samples.occlusion[within] == sign)
+    assert np.isnan(samples.brightness[within]).all()
+    assert np.isnan(samples.depth_residual[within]).all()
+    beyond = (np.abs(samples.u - 159.5) > 82) | (np.abs(samples.v - 119.5) > 62)
+    assert not samples.occlusion[beyond].any()
 
 
 def test_without_depth_brightness_is_still_sampled() -> None:
     frame = render_view()
     samples = sample_view(replace(frame, depth_raw=0 * frame.depth_raw), np.eye(4), STANDING)
-    is_read = samples[:, SAMPLE_CELL] >= 0
+    is_read = samples.cell >= 0
     assert is_read.any()
-    assert np.isnan(samples[:, SAMPLE_DEPTH_RESIDUAL]).all()
-    assert np.isfinite(samples[is_read, SAMPLE_BRIGHTNESS]).all()
-    assert not samples[:, SAMPLE_OCCLUSION].any()
+    assert np.isnan(samples.depth_residual).all()
+    assert np.isfinite(samples.brightness[is_read]).all()
+    assert not samples.occlusion.any()
 
 
 def test_vignetting_is_corrected_towards_the_corner() -> None:
     plain = sample_view(render_view(), AWAY, STANDING)
     with_timing = sample_view(render_view(), AWAY, STANDING, vignetting=0.2)
-    is_visible = ~np.isnan(plain[:, SAMPLE_BRIGHTNESS])
+    is_visible = ~np.isnan(plain.brightness)
     center, focal_px = [CAMERA.cx, CAMERA.cy], CAMERA.fx
-    now = (((plain[is_visible][:, [SAMPLE_U, SAMPLE_V]] - center) / focal_px) ** 2).sum(axis=1)
+    now = (((pixels(plain)[is_visible] - center) / focal_px) ** 2).sum(axis=1)
     before = ((POINTS[is_visible, :2] / POINTS[is_visible, 2:3]) ** 2).sum(axis=1)
-    expected = plain[is_visible, SAMPLE_BRIGHTNESS] * (1.0 + 0.2 * (now - before))
-    np.testing.assert_allclose(with_timing[is_visible, SAMPLE_BRIGHTNESS], expected, rtol=1e-9)
+    expected = plain.brightness[is_visible] * (1.0 + 0.2 * (now - before))
+    np.testing.assert_allclose(with_timing.brightness[is_visible], expected, rtol=1e-9)

@@ -31,16 +31,11 @@ from vo_service.odometry.direct.image_pyramid import (
 )
 from vo_service.odometry.direct.motion import zero_motion
 from vo_service.odometry.direct.points import (
-    OCCLUDED,
-    SAMPLE_BRIGHTNESS,
-    SAMPLE_CELL,
-    SAMPLE_DEPTH_RESIDUAL,
-    SAMPLE_OCCLUSION,
+    Samples,
     select_points,
 )
 from vo_service.odometry.direct.residuals import (
-    SIGMA_BRIGHTNESS,
-    SIGMA_DEPTH,
+    ResidualModel,
     weigh_regions,
 )
 
@@ -101,10 +96,10 @@ def test_samples_without_weight_stay_without_weight() -> None:
     assert_close(inverse(found.T_camera_keyframe), BRISK.pose_at(0.1), 0.002, 0.05)
 
 
-def samples_at_rest() -> tuple[Array, Array]:
+def samples_at_rest() -> tuple[Samples, ResidualModel]:
     images = build_image_pyramid(add_noise(render_view(), 1))
     residual_model = initial_residual_model(images, POINTS[0])
-    residual_model[SIGMA_BRIGHTNESS], residual_model[SIGMA_DEPTH] = 3.0, 1e-3
+    residual_model = residual_model._replace(sigma_brightness=3.0, sigma_depth=1e-3)
     return sample_points(POINTS, images, np.eye(4), zero_motion(), 0), residual_model
 
 
@@ -112,30 +107,30 @@ def samples_at_rest() -> tuple[Array, Array]:
 def test_a_cell_with_a_larger_error_has_less_weight(worse_by: float) -> None:
     samples, residual_model = samples_at_rest()
     before = weigh_regions(POINTS[0], samples, residual_model, uniform_weights())
-    odd = samples[:, SAMPLE_CELL] == 20
-    samples[odd, SAMPLE_BRIGHTNESS] += np.where(np.arange(odd.sum()) % 2, worse_by, 0.0)
+    odd = samples.cell == 20
+    samples.brightness[odd] += np.where(np.arange(odd.sum()) % 2, worse_by, 0.0)
     after = weigh_regions(POINTS[0], samples, residual_model, uniform_weights())
     assert after[0, 20] == after[1, 20] < 0.5 < before[0, 20]
     others = np.arange(len(after[0])) != 20
     np.testing.assert_allclose(after[:, others], before[:, others], rtol=0.1)
 
 
-@pytest.mark.parametrize(("sign", "is_lowered"), [(-OCCLUDED, True), (OCCLUDED, False)])
+@pytest.mark.parametrize(("sign", "is_lowered"), [(-1, True), (1, False)])
 def test_a_cell_that_is_seen_through_loses_weight_a_slightly_occluded_one_does_not(
-    sign: float, is_lowered: bool
+    sign: int, is_lowered: bool
 ) -> None:
     samples, residual_model = samples_at_rest()
-    (in_cell,) = np.nonzero(samples[:, SAMPLE_CELL] == 20)
+    (in_cell,) = np.nonzero(samples.cell == 20)
     odd = in_cell[::3]
-    samples[odd, SAMPLE_OCCLUSION] = sign
-    samples[odd, SAMPLE_BRIGHTNESS] = samples[odd, SAMPLE_DEPTH_RESIDUAL] = np.nan
+    samples.occlusion[odd] = sign
+    samples.brightness[odd] = samples.depth_residual[odd] = np.nan
     weights = weigh_regions(POINTS[0], samples, residual_model, uniform_weights())
     assert (weights[1, 20] < 0.9) == is_lowered
 
 
 def test_without_samples_all_weights_stay() -> None:
     samples, residual_model = samples_at_rest()
-    samples[:, SAMPLE_CELL] = -1.0
+    samples.cell[:] = -1
     np.testing.assert_array_equal(
         weigh_regions(POINTS[0], samples, residual_model, uniform_weights()), uniform_weights()
     )

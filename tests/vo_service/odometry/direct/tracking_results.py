@@ -20,7 +20,9 @@ from vo_service.odometry.direct.motion import (
     zero_motion,
 )
 from vo_service.odometry.direct.motion_state import MotionState
+from vo_service.odometry.direct.points import empty_samples
 from vo_service.odometry.direct.quality import TrackingResult
+from vo_service.odometry.direct.residuals import ResidualCounts
 
 T_WORLD_KEYFRAME = BRISK.pose_at(-0.1)
 KEYFRAME = make_keyframe(
@@ -41,13 +43,12 @@ def make_result(off: Array, faster: Array) -> TrackingResult:
     motion = change_frame(
         -constant_velocity_motion(BRISK.velocity + faster), inverse(T_camera_keyframe)
     )
-    nothing = np.zeros((0, 0))
     alignment = DirectAlignment(
         T_camera_keyframe,
         motion,
         initial_residual_model(KEYFRAME.images, KEYFRAME.points[0]),
-        nothing,
-        nothing,
-        nothing,
+        ResidualCounts(),
+        empty_samples(0),
+        np.zeros((0, 0)),
     )
     return TrackingResult(KEYFRAME, alignment, MOTION.motion_prior(T_WORLD_KEYFRAME, STAMP_S))

@@ -23,7 +23,7 @@ from vo_service.odometry.direct.motion import (
     propagate_point,
     row_time,
 )
-from vo_service.odometry.direct.points import POINT_BRIGHTNESS
+from vo_service.odometry.direct.points import Points
 from vo_service.odometry.features.extractor import SurfExtractor
 from vo_service.odometry.features.points import FeaturePoints, backproject_features
 from vo_service.odometry.uncertainty import depth_sigma_m, lateral_sigma_m
@@ -161,6 +161,8 @@ class VladVocabulary:
 # Levels with more points keep every second one: the error grows by 1/15, memory and time of an
 # alignment fall by 2/5.
 DECIMATION_MIN_POINTS = 700
+# Fields of a point beside its position.
+NUM_POINT_ATTRIBUTES = 10
 # Slightly less than the largest number of half precision.
 MAX_FLOAT16 = 65000.0
 
@@ -171,22 +173,33 @@ class PackedPoints:
 
     Attributes:
         position_m: (N, 3) float32.
-        attributes: (N, COLUMNS - 3) float16: brightness exactly, slopes to a thousandth.
+        attributes: (N, ATTRIBUTES) float16: the other fields of `Points`, the brightness exactly,
+            gradients to a thousandth.
     """
 
     position_m: NDArray[np.float32]
     attributes: NDArray[np.float16]
 
     @classmethod
-    def pack(cls, points: Array) -> Self:
-        """Pack points (N, COLUMNS); of many every second one."""
-        selected = points[:: 2 if len(points) > DECIMATION_MIN_POINTS else 1]
-        attributes = np.clip(selected[:, POINT_BRIGHTNESS:], -MAX_FLOAT16, MAX_FLOAT16)
-        return cls(selected[:, :POINT_BRIGHTNESS].astype(np.float32), attributes.astype(np.float16))
+    def pack(cls, points: Points) -> Self:
+        """Pack points; of many every second one."""
+        step = 2 if len(points.brightness) > DECIMATION_MIN_POINTS else 1
+        position_m, *others = points.select(slice(None, None, step))
+        attributes = np.clip(np.vstack(others).T, -MAX_FLOAT16, MAX_FLOAT16)
+        return cls(position_m.T.astype(np.float32), attributes.astype(np.float16))
 
-    def unpack(self) -> Array:
-        """Unpack to (N, COLUMNS) float64, with contiguous columns as `select_points` makes them."""
-        return np.asfortranarray(np.hstack([self.position_m, self.attributes], dtype=np.float64))
+    def unpack(self) -> Points:
+        """Return the points, with rounded values."""
+        brightness, variance, *gradients, has_texture, has_shape = self.attributes.T
+        return Points(
+            np.ascontiguousarray(self.position_m.T, np.float64),
+            brightness.astype(np.float64),
+            variance.astype(np.float64),
+            np.array(gradients[:3], np.float64),
+            np.array(gradients[3:], np.float64),
+            has_texture > 0,
+            has_shape > 0,
+        )
 
     @property
     def size_bytes(self) -> int:
@@ -221,8 +234,8 @@ class MapKeyframe:
     mean_brightness: float
 
     @property
-    def alignment_points(self) -> Sequence[Array]:
-        """(N, COLUMNS) of each level, in the camera's axes at the stamp."""
+    def alignment_points(self) -> Sequence[Points]:
+        """Points of each level."""
         return tuple(points.unpack() for points in self.packed_points)
 
     @property

@@ -18,10 +18,10 @@ from drivers.camera import PinholeCamera
 from drivers.core.geometry import Array, is_rigid
 from vo_service.navigation.local_grid import CellKind
 from vo_service.odometry.direct.image_pyramid import NUM_LEVELS
-from vo_service.odometry.direct.points import NUM_POINT_COLUMNS, POINT_BRIGHTNESS
 from vo_service.odometry.features.descriptor import DESCRIPTOR_SIZE
 from vo_service.slam.graph_edges import Edge
 from vo_service.slam.keyframe_database import (
+    NUM_POINT_ATTRIBUTES,
     DepthFeatures,
     MapKeyframe,
     PackedPoints,
@@ -275,10 +275,8 @@ def _features_from_arrays(arrays: Arrays, n: int) -> DepthFeatures:
 
 
 def _points_from_arrays(arrays: Arrays, n: int, level: int) -> PackedPoints:
-    position_m = require_array(
-        arrays, f"{n}/points_m/{level}", np.float32, (ANY_LENGTH, POINT_BRIGHTNESS)
-    )
-    shape = (len(position_m), NUM_POINT_COLUMNS - POINT_BRIGHTNESS)
+    position_m = require_array(arrays, f"{n}/points_m/{level}", np.float32, (ANY_LENGTH, 3))
+    shape = (len(position_m), NUM_POINT_ATTRIBUTES)
     return PackedPoints(position_m, require_array(arrays, f"{n}/points/{level}", np.float16, shape))
 
 

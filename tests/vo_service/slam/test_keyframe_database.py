@@ -16,7 +16,7 @@ from tests.vo_service.slam.corner_keyframes import (
     make_query,
 )
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC, build_image_pyramid
-from vo_service.odometry.direct.points import POINT_BRIGHTNESS, select_points
+from vo_service.odometry.direct.points import Points, select_points
 from vo_service.slam.keyframe_database import (
     DECIMATION_MIN_POINTS,
     DESCRIPTOR_NORM,
@@ -54,23 +54,33 @@ def test_no_features_give_an_empty_descriptor(vocabulary: VladVocabulary) -> Non
     assert not vocabulary.describe(np.empty((0, 64), np.int8)).any()
 
 
+def make_points(vectors: Array) -> Points:
+    """Points with these positions and gradients (3, N)."""
+    is_used = np.ones(vectors.shape[1], np.bool_)
+    return Points(vectors, vectors[0], vectors[1], vectors, vectors, is_used, is_used)
+
+
 def test_points_are_packed_to_a_thousandth_and_brightness_losslessly() -> None:
     images = build_image_pyramid(render_corner(HERE))
     coarse = select_points(images, ZERO_VELOCITY, ALL_STATIC)[-1]
     unpacked = PackedPoints.pack(coarse).unpack()
-    assert 0 < len(coarse) <= DECIMATION_MIN_POINTS
-    assert_allclose(unpacked, coarse, rtol=1e-3, atol=1e-6)
-    assert np.array_equal(unpacked[:, POINT_BRIGHTNESS], coarse[:, POINT_BRIGHTNESS])
+    assert 0 < len(coarse.brightness) <= DECIMATION_MIN_POINTS
+    for field, exact in zip(unpacked, coarse, strict=True):
+        assert field.dtype == exact.dtype
+        assert_allclose(field.astype(float), exact.astype(float), rtol=1e-3, atol=1e-6)
+    assert np.array_equal(unpacked.brightness, coarse.brightness)
 
 
 def test_every_second_point_is_kept() -> None:
-    points = np.random.default_rng(5).normal(size=(DECIMATION_MIN_POINTS + 1, 13))
+    points = make_points(np.random.default_rng(5).normal(size=(3, DECIMATION_MIN_POINTS + 1)))
     unpacked = PackedPoints.pack(points).unpack()
-    assert_allclose(unpacked[:, :3], points[::2, :3], rtol=1e-6)
+    assert_allclose(unpacked.position_m, points.position_m[:, ::2], rtol=1e-6)
 
 
 def test_gradients_beyond_half_precision_stay_finite() -> None:
-    assert np.isfinite(PackedPoints.pack(np.full((3, 13), 1e6)).unpack()).all()
+    unpacked = PackedPoints.pack(make_points(np.full((3, 4), 1e6))).unpack()
+    assert np.isfinite(unpacked.depth_gradient).all()
+    assert np.isfinite(unpacked.brightness_variance).all()
 
 
 def test_a_keyframe_takes_less_than_150_kilobytes(here: MapKeyframe) -> None:

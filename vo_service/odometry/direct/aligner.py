@@ -22,7 +22,7 @@ from vo_service.odometry.direct.image_pyramid import (
 )
 from vo_service.odometry.direct.motion import change_frame, constant_velocity_motion
 from vo_service.odometry.direct.parameters import VELOCITY_SIGMA
-from vo_service.odometry.direct.points import select_points
+from vo_service.odometry.direct.points import Points, select_points
 from vo_service.odometry.direct.quality import occlusion_reason, rejection_reason
 
 # Smallest share of the keyframe's points in view.
@@ -66,12 +66,12 @@ class MovingView:
         depth_noise = DepthNoise().update(images).value_per_m
         return cls(replace(images, depth_noise=depth_noise), velocity, velocity_sigma)
 
-    def select_points(self) -> tuple[Array, ...]:
-        """(N, COLUMNS) points of each level, for a keyframe, see `points`."""
+    def select_points(self) -> tuple[Points, ...]:
+        """Points of each level, for a keyframe."""
         return select_points(self.images, constant_velocity_motion(self.velocity), ALL_STATIC)
 
     def align(
-        self, points: Sequence[Array], keyframe: HasMeanBrightness, T_keyframe_camera: Array
+        self, points: Sequence[Points], keyframe: HasMeanBrightness, T_keyframe_camera: Array
     ) -> AlignedPose | None:
         """Align this view with a keyframe; None if the alignment is not reliable.
 

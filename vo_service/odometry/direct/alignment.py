@@ -32,12 +32,7 @@ from vo_service.odometry.direct.parameters import (
     MIN_STEP_SIZES,
     NUM_FINE_LEVELS,
 )
-from vo_service.odometry.direct.points import (
-    POINT_BRIGHTNESS,
-    Samples,
-    empty_samples,
-    warp_and_sample,
-)
+from vo_service.odometry.direct.points import Points
 from vo_service.odometry.direct.residuals import (
     ResidualCounts,
     ResidualModel,
@@ -46,9 +41,10 @@ from vo_service.odometry.direct.residuals import (
     weigh_regions,
     weigh_samples,
 )
+from vo_service.odometry.direct.samples import Samples, empty_samples, warp_and_sample
 
-PointPyramid = Sequence[Array]
-Level = TypeVar("Level", Array, LevelImages)
+PointPyramid = Sequence[Points]
+Level = TypeVar("Level", Points, LevelImages)
 
 STEP_LIMITS = tuple(StepLimits(*limits) for limits in zip(MAX_STEPS, MIN_STEP_SIZES, strict=True))
 # Information of a motion that is known, so that the images hardly change it.
@@ -116,12 +112,14 @@ def depth_only_weights() -> Array:
     return weights
 
 
-def initial_residual_model(images: ImagePyramid, points: Array, gain: float = 1.0) -> ResidualModel:
+def initial_residual_model(
+    images: ImagePyramid, points: Points, gain: float = 1.0
+) -> ResidualModel:
     """Return the residual model of a frame before the first step.
 
     Args:
         images: The frame.
-        points: (N, COLUMNS) of the keyframe's finest level.
+        points: Of the keyframe's finest level.
         gain: Initial ratio of the frame's brightness to the keyframe's.
     """
     sigma_brightness, sigma_depth = INITIAL_SIGMAS
@@ -136,13 +134,13 @@ def initial_residual_model(images: ImagePyramid, points: Array, gain: float = 1.
 
 
 @kernel
-def _contrast(points: Array) -> float:
-    """Standard deviation of the brightness of points (N, COLUMNS), gray levels."""
-    mean = squared = 0.0
-    for n in range(len(points)):
-        mean += points[n, POINT_BRIGHTNESS] / len(points)
-    for n in range(len(points)):
-        squared += (points[n, POINT_BRIGHTNESS] - mean) ** 2 / len(points)
+def _contrast(points: Points) -> float:
+    """Standard deviation of the brightness of points, gray levels."""
+    mean, squared, count = 0.0, 0.0, len(points.brightness)
+    for brightness in points.brightness:
+        mean += brightness / count
+    for brightness in points.brightness:
+        squared += (brightness - mean) ** 2 / count
     return float(np.sqrt(squared))
 
 
@@ -157,7 +155,7 @@ def align(
     """Align a keyframe's points with a frame.
 
     Args:
-        points: (N, COLUMNS) for each level, finest first.
+        points: Of each level, finest first.
         images: The frame.
         T_camera_keyframe: 4x4 initial guess.
         prior: What is known of the motion.
@@ -165,7 +163,7 @@ def align(
         cell_weights: (2, CELLS) of brightness and of depth, by the cell of the image.
     """
     levels, initial_model = images.levels, initial_residual_model(images, points[0], gain)
-    if not len(points[0]):
+    if not len(points[0].brightness):
         nothing, samples = ResidualCounts(), empty_samples(0)
         return DirectAlignment(
             T_camera_keyframe, prior.motion, initial_model, nothing, samples, cell_weights
@@ -192,7 +190,7 @@ def _pad(levels: Sequence[Level]) -> tuple[Level, ...]:
 
 @kernel
 def _align_levels(
-    points: tuple[Array, ...],
+    points: tuple[Points, ...],
     images: tuple[LevelImages, ...],
     count: int,
     T: Array,
@@ -203,7 +201,7 @@ def _align_levels(
     """Fields of `DirectAlignment`, see `align`. In one kernel, as each call from Python takes time.
 
     Args:
-        points: (N, COLUMNS) of each level.
+        points: Of each level.
         images: The frame at each level.
         count: Number of levels.
         T: 4x4 initial guess of T_camera_keyframe.
@@ -241,7 +239,7 @@ def sample_points(
     """Sample a level's points at a given motion.
 
     Args:
-        points: (N, COLUMNS) for each level, finest first.
+        points: Of each level, finest first.
         images: The frame.
         T: 4x4 T_camera_keyframe.
         motion: (9,) of the keyframe's points in the keyframe's axes.
@@ -251,22 +249,22 @@ def sample_points(
 
 
 @kernel
-def _sample_level(points: Array, images: LevelImages, T: Array, motion: Array) -> Samples:
-    samples = empty_samples(len(points))
+def _sample_level(points: Points, images: LevelImages, T: Array, motion: Array) -> Samples:
+    samples = empty_samples(len(points.brightness))
     warp_and_sample(points, images, T, body_motion(T, motion), samples)
     return samples
 
 
 @kernel
 def _initial_region_weights(
-    points: Array,
+    points: Points,
     images: LevelImages,
     T: Array,
     motion: Array,
     residual_model: ResidualModel,
     cell_weights: Array,
 ) -> Array:
-    """(2, CELLS) weights of the regions at the initial guess, by a level's points (N, COLUMNS)."""
+    """(2, CELLS) weights of the regions at the initial guess, by a level's points."""
     samples = _sample_level(points, images, T, motion)
     weighted = weigh_samples(points, samples, cell_weights)
     for _ in range(INITIAL_MODEL_UPDATES):

@@ -31,13 +31,10 @@ from vo_service.odometry.direct.parameters import (
     VIGNETTING_VIEW_SIGMA,
 )
 from vo_service.odometry.direct.points import (
-    HAS_TEXTURE,
-    POINT_BRIGHTNESS,
-    POINT_BRIGHTNESS_VARIANCE,
-    Samples,
-    squared_radius_change,
+    Points,
 )
 from vo_service.odometry.direct.residuals import ResidualModel
+from vo_service.odometry.direct.samples import Samples, squared_radius_change
 
 # Added to the diagonal of a matrix before a system is solved, relative to its trace or diagonal.
 REGULARIZATION = 1e-9
@@ -115,7 +112,7 @@ class VignettingEstimate:
 
 @kernel
 def _regress(
-    points: Array,
+    points: Points,
     samples: Samples,
     cell_weights: Array,
     residual_model: ResidualModel,
@@ -123,17 +120,18 @@ def _regress(
 ) -> tuple[Array, Array]:
     """Normal equations (2, 2) and (2,) of changes of gain and vignetting."""
     H, g, J = np.zeros((2, 2)), np.zeros(2), np.empty(2)
-    for i in range(len(points)):
+    for i in range(len(points.brightness)):
         brightness = samples.brightness[i]
-        if np.isnan(brightness) or points[i, HAS_TEXTURE] == 0:
+        if np.isnan(brightness) or not points.has_texture[i]:
             continue
         u, v = samples.u[i], samples.v[i]
-        expected = residual_model.gain * points[i, POINT_BRIGHTNESS]
-        residual = brightness_residual(brightness, points[i, POINT_BRIGHTNESS], residual_model.gain)
-        variance = residual_model.sigma_brightness**2 + points[i, POINT_BRIGHTNESS_VARIANCE]
+        expected = residual_model.gain * points.brightness[i]
+        residual = brightness_residual(brightness, points.brightness[i], residual_model.gain)
+        variance = residual_model.sigma_brightness**2 + points.brightness_variance[i]
         w = student_weight(residual, variance)
         w *= cell_weights[0, samples.cell[i]]
-        J[0], J[1] = expected, -expected * squared_radius_change(u, v, intrinsics, points[i])
+        change = squared_radius_change(u, v, intrinsics, points.position_m, i)
+        J[0], J[1] = expected, -expected * change
         for a in range(2):
             for b in range(2):
                 H[a, b] += w * J[a] * J[b]

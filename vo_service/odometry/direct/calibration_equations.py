@@ -36,17 +36,10 @@ from vo_service.odometry.direct.parameters import (
     TURN_INFORMATION,
 )
 from vo_service.odometry.direct.points import (
-    HAS_SHAPE,
-    HAS_TEXTURE,
-    POINT_BRIGHTNESS,
-    POINT_BRIGHTNESS_GRADIENT,
-    POINT_BRIGHTNESS_VARIANCE,
-    POINT_DEPTH_GRADIENT,
-    Samples,
+    Points,
 )
-from vo_service.odometry.direct.residuals import (
-    ResidualModel,
-)
+from vo_service.odometry.direct.residuals import ResidualModel
+from vo_service.odometry.direct.samples import Samples
 from vo_service.odometry.direct.small_matrices import add_residual, invert_cholesky, marginalize
 
 # The unknowns that are kept: readout and delay, s; logarithm of the ratio of the focal length to
@@ -85,7 +78,7 @@ class CalibrationView(NamedTuple):
 
 @kernel
 def measure_calibration(
-    points: Array,
+    points: Points,
     samples: Samples,
     cell_weights: Array,
     residual_model: ResidualModel,
@@ -94,7 +87,7 @@ def measure_calibration(
     """Information of one view about the calibration.
 
     Args:
-        points: (N, COLUMNS) of the keyframe's finest level.
+        points: Of the keyframe's finest level.
         samples: Of the view.
         cell_weights: (2, CELLS).
         residual_model: Of the view.
@@ -116,34 +109,35 @@ def measure_calibration(
     moved = body_motion(T_keyframe_camera, constant_velocity_motion(view.velocity))
     moved_keyframe, moved_by = -view.keyframe_velocity, (view.motion, -view.keyframe_motion)
     calibration, middle_row = view.calibration, 0.5 * (height - 1)
-    for i in range(0, len(points), CALIBRATION_STRIDE):
-        point, u, v = points[i], samples.u[i], samples.v[i]
+    position_m = points.position_m
+    for i in range(0, len(points.brightness), CALIBRATION_STRIDE):
+        u, v, depth_m = samples.u[i], samples.v[i], position_m[2, i]
         if np.isnan(samples.brightness[i]):
             continue
-        v_keyframe = intrinsics[1] * point[1] / point[2] + intrinsics[3]
+        v_keyframe = intrinsics[1] * position_m[1, i] / depth_m + intrinsics[3]
         # Times of the rows as shares of the readout.
         shares = (v - middle_row) / height, (v_keyframe - middle_row) / height
-        magnified = _magnify(point, u, v, intrinsics, T)
-        J_depth = jacobian(point, POINT_DEPTH_GRADIENT, 1.0)
+        magnified = _magnify(position_m, i, u, v, intrinsics, T)
+        J_depth = jacobian(position_m, points.depth_gradient, i, 1.0)
         for is_depth in range(2):
             weight = cell_weights[is_depth, samples.cell[i]]
             if is_depth:
                 residual, J, by_depth = samples.depth_residual[i], J_depth, -1.0
-                if np.isnan(residual) or point[HAS_SHAPE] <= 0:
+                if np.isnan(residual) or not points.has_shape[i]:
                     continue
                 weight *= student_weight(residual, variance_depth)
                 row[6] = 0.0
             else:
-                if point[HAS_TEXTURE] <= 0:
+                if not points.has_texture[i]:
                     continue
-                residual = brightness_residual(samples.brightness[i], point[POINT_BRIGHTNESS], gain)
-                J = jacobian(point, POINT_BRIGHTNESS_GRADIENT, gain)
+                residual = brightness_residual(samples.brightness[i], points.brightness[i], gain)
+                J = jacobian(position_m, points.brightness_gradient, i, gain)
                 # Only parallax shows an error of the point's depth in its brightness.
-                by_depth = -point[2] * _along(J, camera_position)
+                by_depth = -depth_m * _along(J, camera_position)
                 weight *= residual_model.brightness_weight * student_weight(
-                    residual, variance + point[POINT_BRIGHTNESS_VARIANCE]
+                    residual, variance + points.brightness_variance[i]
                 )
-                row[6] = -point[POINT_BRIGHTNESS]
+                row[6] = -points.brightness[i]
             for k in range(6):
                 row[k] = J[k]
             # The depth camera turns about its x and y axis, at the frame and at the keyframe.
@@ -216,13 +210,13 @@ def _by_timing(
 
 @inline_kernel
 def _magnify(
-    point: Array, u: float, v: float, intrinsics: Array, T_camera_keyframe: Array
+    position_m: Array, n: int, u: float, v: float, intrinsics: Array, T_camera_keyframe: Array
 ) -> tuple[float, float, float]:
-    """Motion of a point in the keyframe's axes, m, by the logarithm of the focal length.
+    """Motion of point n in the keyframe's axes, m, by the logarithm of the focal length.
 
     It moves sideways in the frame's axes, where it is seen at (u, v), and in the keyframe's.
     """
-    T, (x, y, z) = T_camera_keyframe, (point[0], point[1], point[2])
+    T, (x, y, z) = T_camera_keyframe, (position_m[0, n], position_m[1, n], position_m[2, n])
     z_there = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
     x_there = (u - intrinsics[2]) / intrinsics[0] * z_there
     y_there = (v - intrinsics[3]) / intrinsics[1] * z_there

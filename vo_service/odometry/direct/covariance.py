@@ -43,16 +43,14 @@ from vo_service.odometry.direct.parameters import (
     SLOPE_NOISE,
 )
 from vo_service.odometry.direct.points import (
-    NUM_ROW_BANDS,
-    POINT_BRIGHTNESS_GRADIENT,
-    POINT_DEPTH_GRADIENT,
-    Samples,
+    Points,
 )
 from vo_service.odometry.direct.residuals import (
     ResidualModel,
     WeightedSamples,
     weigh_samples,
 )
+from vo_service.odometry.direct.samples import NUM_ROW_BANDS, Samples
 from vo_service.odometry.direct.small_matrices import (
     add_outer_product,
     invert_information,
@@ -127,7 +125,7 @@ def estimate_uncertainty(
     """Estimate the uncertainty of an alignment.
 
     Args:
-        points: (N, COLUMNS) of the keyframe for each level.
+        points: Of the keyframe for each level.
         images: The frame.
         alignment: The alignment of the frame with the points.
         prior: The prior of its motion.
@@ -153,7 +151,7 @@ def estimate_uncertainty(
 
 @kernel
 def _analyze_view(
-    points: Array,
+    points: Points,
     alignment: tuple[Samples, Array, ResidualModel],
     images: LevelImages,
     T_camera_keyframe: Array,
@@ -166,7 +164,7 @@ def _analyze_view(
     In one kernel, as each call from Python takes time. See its parts for the arguments.
 
     Args:
-        points: (N, COLUMNS) of the keyframe's finest level.
+        points: Of the keyframe's finest level.
         alignment: The samples, cell weights and residual model of `DirectAlignment`.
         images: The frame at that level.
         T_camera_keyframe: 4x4.
@@ -309,7 +307,7 @@ def _timing_errors(bands: Array, information: Array, relative_motion: Array) -> 
 
 @kernel
 def accumulate_scores(
-    points: Array,
+    points: Points,
     samples: Samples,
     weighted: WeightedSamples,
     residual_model: ResidualModel,
@@ -321,7 +319,7 @@ def accumulate_scores(
     with q the point (x, y, z, 1) and v^2 the variance of its derivative by the slope noise.
 
     Args:
-        points: (N, COLUMNS) of a keyframe level.
+        points: Of a keyframe level.
         samples: Of these points in a frame.
         weighted: The same samples.
         residual_model: Of the frame.
@@ -337,13 +335,14 @@ def accumulate_scores(
     gain, depth = residual_model.gain, weighted.depth
     readout_s, skew_s = images.readout_s, images.skew_s
     focal_px, depth_focal_px = images.intrinsics[0], images.depth_intrinsics[0]
-    for i in range(len(points)):
+    position_m = points.position_m
+    for i in range(len(weights)):
         cell = samples.cell[i]
         noise = 0.0
         if weights[i] != 0.0:
             w = weights[i]
-            noise += w * (gain * SLOPE_NOISE[0] * focal_px / points[i, 2]) ** 2
-            J = jacobian(points[i], POINT_BRIGHTNESS_GRADIENT, gain)
+            noise += w * (gain * SLOPE_NOISE[0] * focal_px / position_m[2, i]) ** 2
+            J = jacobian(position_m, points.brightness_gradient, i, gain)
             row = (samples.color_band[i] + 0.5) / NUM_ROW_BANDS - 0.5
             _add_score(scores[cell], J, row * readout_s, w * residuals[i])
             for a in range(6):
@@ -352,12 +351,12 @@ def accumulate_scores(
         if depth_weights[i] != 0.0:
             w = depth_weights[i]
             slope_noise = SLOPE_NOISE[1] * images.depth_noise
-            noise += w * (slope_noise * depth_focal_px / points[i, 2]) ** 2
-            J = jacobian(points[i], POINT_DEPTH_GRADIENT, 1.0)
+            noise += w * (slope_noise * depth_focal_px / position_m[2, i]) ** 2
+            J = jacobian(position_m, points.depth_gradient, i, 1.0)
             row = (samples.depth_band[i] + 0.5) / NUM_ROW_BANDS - 0.5
             _add_score(depth_scores[cell], J, row * readout_s + skew_s, w * depth[i])
         if noise > 0.0:
-            q = points[i, 0], points[i, 1], points[i, 2], 1.0
+            q = position_m[0, i], position_m[1, i], position_m[2, i], 1.0
             for a in range(4):
                 for b in range(4):
                     moments[a, b] += noise * q[a] * q[b]

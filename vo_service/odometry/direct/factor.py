@@ -47,20 +47,17 @@ def student_negative_log(squared: float) -> float:
 
 
 @inline_kernel
-def jacobian(point: Array, gradient_column: int, scale: float) -> Jacobian:
-    """Scale times (p, x cross p) of the derivative p by the point's position x.
+def jacobian(position_m: Array, gradient: Array, n: int, scale: float) -> Jacobian:
+    """Scale times (p, x cross p) of the derivative p by the position x of point n.
 
     As a tuple it is kept in registers.
 
     Args:
-        point: (COLUMNS,) of a keyframe.
-        gradient_column: First of the three columns of p.
+        position_m: (3, N) of a keyframe's points.
+        gradient: (3, N) their derivatives.
+        n: Index of the point.
         scale: Of the derivative.
     """
-    x, y, z = point[0], point[1], point[2]
-    px, py, pz = (
-        scale * point[gradient_column],
-        scale * point[gradient_column + 1],
-        scale * point[gradient_column + 2],
-    )
+    x, y, z = position_m[0, n], position_m[1, n], position_m[2, n]
+    px, py, pz = scale * gradient[0, n], scale * gradient[1, n], scale * gradient[2, n]
     return px, py, pz, y * pz - z * py, z * px - x * pz, x * py - y * px

@@ -35,14 +35,7 @@ from vo_service.odometry.direct.parameters import (
     TREMOR_SPAN_S,
 )
 from vo_service.odometry.direct.points import (
-    NUM_ROW_BANDS,
-    POINT_BRIGHTNESS,
-    POINT_BRIGHTNESS_GRADIENT,
-    POINT_BRIGHTNESS_VARIANCE,
-    POINT_DEPTH_GRADIENT,
-    Samples,
-    empty_samples,
-    warp_and_sample,
+    Points,
 )
 from vo_service.odometry.direct.residuals import (
     ResidualModel,
@@ -50,6 +43,12 @@ from vo_service.odometry.direct.residuals import (
     fit_residual_model,
     weigh_regions,
     weigh_samples,
+)
+from vo_service.odometry.direct.samples import (
+    NUM_ROW_BANDS,
+    Samples,
+    empty_samples,
+    warp_and_sample,
 )
 from vo_service.odometry.direct.small_matrices import solve_cholesky
 
@@ -113,7 +112,7 @@ class StepLimits(NamedTuple):
 
 @kernel
 def solve_level(
-    points: Array,
+    points: Points,
     images: LevelImages,
     T_camera_keyframe: Array,
     motion: Array,
@@ -125,7 +124,7 @@ def solve_level(
     """Refine T_camera_keyframe and the motion on one level.
 
     Args:
-        points: (N, COLUMNS) of the level.
+        points: Of the level.
         images: The frame at the level.
         T_camera_keyframe: 4x4 initial guess.
         motion: (9,) initial guess, of the keyframe's points in the keyframe's axes.
@@ -138,7 +137,7 @@ def solve_level(
         T_camera_keyframe 4x4, the motion (9,), and the residual model.
     """
     T, expected, motion = T_camera_keyframe.copy(), motion.copy(), motion.copy()
-    samples, information_of_prior = empty_samples(len(points)), prior_information(prior)
+    samples, information_of_prior = empty_samples(len(points.brightness)), prior_information(prior)
     for step in range(limits.max_steps):
         warp_and_sample(points, images, T, body_motion(T, motion), samples)
         cell_weights = weigh_regions(points, samples, residual_model, base_weights)
@@ -168,7 +167,7 @@ def solve_level(
 
 @kernel
 def accumulate(
-    points: Array, samples: Samples, weighted: WeightedSamples, residual_model: ResidualModel
+    points: Points, samples: Samples, weighted: WeightedSamples, residual_model: ResidualModel
 ) -> Array:
     """(2 BANDS, 27) sums over the bands of the color image, then over those of the depth image.
 
@@ -177,7 +176,7 @@ def accumulate(
     rows of a band get the same time, which saves sums and loses little.
 
     Args:
-        points: (N, COLUMNS) of a keyframe level.
+        points: Of a keyframe level.
         samples: Of these points in a frame.
         weighted: The same samples.
         residual_model: Of the frame.
@@ -185,16 +184,16 @@ def accumulate(
     sums = np.zeros((2 * NUM_ROW_BANDS, NUM_SUMS))
     residuals, weights, depth_weights = student_weights(points, weighted, residual_model)
     _add_residuals(
-        points,
-        (POINT_BRIGHTNESS_GRADIENT, residual_model.gain),
+        points.position_m,
+        (points.brightness_gradient, residual_model.gain),
         samples.color_band,
         weights,
         residuals,
         sums[:NUM_ROW_BANDS],
     )
     _add_residuals(
-        points,
-        (POINT_DEPTH_GRADIENT, 1.0),
+        points.position_m,
+        (points.depth_gradient, 1.0),
         samples.depth_band,
         depth_weights,
         weighted.depth,
@@ -205,8 +204,8 @@ def accumulate(
 
 @kernel
 def _add_residuals(
-    points: Array,
-    gradient: tuple[int, float],
+    position_m: Array,
+    gradient: tuple[Array, float],
     bands: NDArray[np.int32],
     weights: Array,
     residuals: Array,
@@ -217,16 +216,16 @@ def _add_residuals(
     Neighbors in one band are added in pairs: loading and storing the sums takes most of the time.
 
     Args:
-        points: (N, COLUMNS) of a keyframe level.
-        gradient: First column of the gradient, and its scale; see `jacobian`.
+        position_m: (3, N) of a keyframe level's points.
+        gradient: The gradient (3, N) of its points, and its scale; see `jacobian`.
         bands: (N,) band of each residual.
         weights: (N,); 0 where there is none.
         residuals: (N,).
         sums: (BANDS, 27), in and out.
     """
-    column, scale = gradient
-    used, count = np.empty(len(points) + 1, np.uint32), 0
-    for i in range(len(points)):
+    by_position, scale = gradient
+    used, count = np.empty(len(weights) + 1, np.uint32), 0
+    for i in range(len(weights)):
         used[count] = i
         count += weights[i] != 0.0
     # No pair beyond the end: the last residual has no neighbor in its band.
@@ -235,9 +234,9 @@ def _add_residuals(
     while k < count:
         i, j = used[k], used[k + 1]
         band = np.uint32(bands[i])
-        J = jacobian(points[i], column, scale)
+        J = jacobian(position_m, by_position, i, scale)
         if j > i and np.uint32(bands[j]) == band:
-            next_J = jacobian(points[j], column, scale)
+            next_J = jacobian(position_m, by_position, j, scale)
             _add_pair(
                 sums[band], (J, next_J), (weights[i], weights[j]), (residuals[i], residuals[j])
             )
@@ -249,21 +248,20 @@ def _add_residuals(
 
 @kernel
 def student_weights(
-    points: Array, weighted: WeightedSamples, residual_model: ResidualModel
+    points: Points, weighted: WeightedSamples, residual_model: ResidualModel
 ) -> tuple[Array, Array, Array]:
     """Residuals (N,) of brightness, and weights (N,) of brightness and of depth.
 
     The weights are 0 where there is no sample.
 
     Args:
-        points: (N, COLUMNS) of a keyframe level.
+        points: Of a keyframe level.
         weighted: The samples of these points in a frame.
         residual_model: Of the frame.
     """
-    count = len(points)
+    count = len(points.brightness)
     residuals, weights, depth_weights = np.empty(count), np.empty(count), np.empty(count)
-    keyframe_brightness = points[:, POINT_BRIGHTNESS]
-    point_variance = points[:, POINT_BRIGHTNESS_VARIANCE]
+    keyframe_brightness, point_variance = points.brightness, points.brightness_variance
     brightness, brightness_weight, depth, depth_weight = weighted
     gain = residual_model.gain
     weight_of_brightness = residual_model.brightness_weight

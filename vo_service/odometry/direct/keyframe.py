@@ -24,7 +24,7 @@ from vo_service.odometry.direct.parameters import (
     MIN_OBSERVED_SHARE,
     NUM_FINE_LEVELS,
 )
-from vo_service.odometry.direct.points import drop_sparse_levels, select_points
+from vo_service.odometry.direct.points import Points, drop_empty_levels, select_points
 from vo_service.odometry.features.gray_frame import GrayFrame
 
 BLOCK_CENTER_PX = DYNAMIC_BLOCK_PX // 2
@@ -39,14 +39,14 @@ class DirectKeyframe:
     """A frame that others are aligned with.
 
     Attributes:
-        points: (N, COLUMNS) of each level, in its camera's axes at its stamp.
+        points: Of each level.
         images: Its image pyramid.
         T_world_keyframe: 4x4 pose.
         motion: (9,) of its camera in its own axes, see `motion`.
         frame: For features; without color, to save memory.
     """
 
-    points: tuple[Array, ...]
+    points: tuple[Points, ...]
     images: ImagePyramid
     T_world_keyframe: Array
     motion: Array
@@ -124,25 +124,27 @@ def compute_overlap(keyframe: DirectKeyframe, T_camera_keyframe: Array) -> Keyfr
     camera = keyframe.images.camera
     size = np.array([camera.width, camera.height], np.float64)
     in_view, squared = _measure_flow(
-        keyframe.points[level], T_camera_keyframe, keyframe.images.intrinsics[0], size
+        keyframe.points[level].position_m, T_camera_keyframe, keyframe.images.intrinsics[0], size
     )
     flow = float(np.sqrt(squared) / size.max())
-    return KeyframeOverlap(in_view / max(len(keyframe.points[level]), 1), flow)
+    return KeyframeOverlap(in_view / max(len(keyframe.points[level].brightness), 1), flow)
 
 
 @kernel
-def _measure_flow(points: Array, T: Array, intrinsics: Array, size: Array) -> tuple[int, float]:
+def _measure_flow(position_m: Array, T: Array, intrinsics: Array, size: Array) -> tuple[int, float]:
     """Number of points in the image, and their mean squared displacement, px^2."""
     in_view, total = 0, 0.0
-    for n in range(len(points)):
-        x, y, z = transform_point(T, points[n, 0], points[n, 1], points[n, 2])
+    for n in range(position_m.shape[1]):
+        x, y, z = transform_point(T, position_m[0, n], position_m[1, n], position_m[2, n])
         if z < MIN_DEPTH_M:
             continue
         u, v = project(x, y, z, intrinsics)
         if not (0.0 <= u < size[0] and 0.0 <= v < size[1]):
             continue
         in_view += 1
-        before_u, before_v = project(points[n, 0], points[n, 1], points[n, 2], intrinsics)
+        before_u, before_v = project(
+            position_m[0, n], position_m[1, n], position_m[2, n], intrinsics
+        )
         total += (u - before_u) ** 2 + (v - before_v) ** 2
     return in_view, total / max(in_view, 1)
 
@@ -174,8 +176,8 @@ def remove_dynamic_points(
     if np.count_nonzero(states) < MIN_OBSERVED_SHARE * np.count_nonzero(blocks):
         return keyframe
     is_dynamic_block = find_dynamic_blocks(blocks, states, images.depth_noise)
-    points = drop_sparse_levels(
-        np.asfortranarray(level[~are_in_blocks(level, images.intrinsics[0], is_dynamic_block)])
+    points = drop_empty_levels(
+        level.select(~are_in_blocks(level.position_m, images.intrinsics[0], is_dynamic_block))
         for level in keyframe.points
     )
     return replace(keyframe, points=points)
@@ -334,19 +336,19 @@ def _flood_fill_surface(
 
 @kernel
 def are_in_blocks(
-    points: Array, intrinsics: Array, is_selected: NDArray[np.bool_]
+    position_m: Array, intrinsics: Array, is_selected: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
     """(N,) whether points of a keyframe lie in the selected blocks (rows, columns).
 
     Args:
-        points: (N, COLUMNS) of a keyframe level.
+        position_m: (3, N).
         intrinsics: (4,) of the whole image.
         is_selected: (rows, columns) blocks.
     """
     rows, columns = is_selected.shape
-    is_inside = np.zeros(len(points), np.bool_)
-    for n in range(len(points)):
-        u, v = project(points[n, 0], points[n, 1], points[n, 2], intrinsics)
+    is_inside = np.zeros(position_m.shape[1], np.bool_)
+    for n in range(len(is_inside)):
+        u, v = project(position_m[0, n], position_m[1, n], position_m[2, n], intrinsics)
         row = min(max(int(v / DYNAMIC_BLOCK_PX), 0), rows - 1)
         column = min(max(int(u / DYNAMIC_BLOCK_PX), 0), columns - 1)
         is_inside[n] = is_selected[row, column]

@@ -17,7 +17,7 @@ from drivers.core.jit import kernel
 from vo_service.odometry.direct.image_pyramid import ImageTiming
 from vo_service.odometry.direct.keyframe import DirectKeyframe
 from vo_service.odometry.direct.motion import propagate_motion, propagate_point, row_time
-from vo_service.odometry.direct.points import POINT_DEPTH_GRADIENT, drop_sparse_levels
+from vo_service.odometry.direct.points import Points, drop_empty_levels
 
 # Every point of this many is enough to compare calibrations.
 SPARSE_STRIDE = 4
@@ -74,34 +74,30 @@ def correct_keyframe(
     before = np.array([old.shutter.readout_s, old.shutter.skew_s, *keyframe.motion])
     after = np.array([shutter.readout_s, shutter.skew_s, *motion])
     shape = np.array([old.camera.fy, old.camera.cy, old.camera.height, old.camera.fx / camera.fx])
-    points = drop_sparse_levels(
-        _correct_points(each, stride, shape, before, after) for each in keyframe.points
+    kept = (level.select(slice(None, None, stride)) for level in keyframe.points)
+    points = drop_empty_levels(
+        level._replace(position_m=_correct_positions(level, shape, before, after)) for level in kept
     )
     images = replace(old, camera=camera, shutter=shutter)
     return replace(keyframe, points=points, images=images, motion=motion)
 
 
 @kernel
-def _correct_points(points: Array, stride: int, shape: Array, before: Array, after: Array) -> Array:
-    """(N, COLUMNS) every `stride`-th of points, with the timing `after` instead of `before`.
+def _correct_positions(points: Points, shape: Array, before: Array, after: Array) -> Array:
+    """(3, N) positions of points, m, with the timing `after` instead of `before`.
 
     Args:
-        points: (M, COLUMNS) of a keyframe.
-        stride: See above.
+        points: Of a keyframe level.
         shape: (4,) fy, cy and height of the image; ratio of the focal length before to that after.
         before: (11,) readout, delay and motion of the camera (9,).
         after: (11,), see before.
     """
-    # Columns are contiguous, as in `select_points`.
-    corrected = np.empty((points.shape[1], (len(points) + stride - 1) // stride)).T
+    position_m, gradient = points.position_m, points.depth_gradient
+    corrected = np.empty_like(position_m)
     fy, cy, height, magnified = shape[0], shape[1], int(shape[2]), shape[3]
     motion, motion_after = before[2:], after[2:]
-    for k in range(points.shape[1]):
-        for n in range(len(corrected)):
-            corrected[n, k] = points[n * stride, k]
-    for n in range(len(corrected)):
-        point = corrected[n]
-        x, y, z = point[0], point[1], point[2]
+    for n in range(len(points.brightness)):
+        x, y, z = position = position_m[0, n], position_m[1, n], position_m[2, n]
         # As the color row saw the point; depth was read later, and is that of another place.
         row_x, row_y, row_z = x, y, z
         for _ in range(2):
@@ -110,15 +106,15 @@ def _correct_points(points: Array, stride: int, shape: Array, before: Array, aft
         w = 1.0 / row_z
         for k in range(3):
             a, b = (k + 1) % 3, (k + 2) % 3
-            gradient = point[POINT_DEPTH_GRADIENT + k]
-            spin = motion[3 + a] * point[b] - motion[3 + b] * point[a]
-            spin_after = motion_after[3 + a] * point[b] - motion_after[3 + b] * point[a]
-            w -= gradient * after[1] * (motion_after[k] + spin_after)
-            w += gradient * before[1] * (motion[k] + spin)
+            spin = motion[3 + a] * position[b] - motion[3 + b] * position[a]
+            spin_after = motion_after[3 + a] * position[b] - motion_after[3 + b] * position[a]
+            w -= gradient[k, n] * after[1] * (motion_after[k] + spin_after)
+            w += gradient[k, n] * before[1] * (motion[k] + spin)
         if w > 0.0:
             row_x, row_y, row_z = row_x / (row_z * w), row_y / (row_z * w), 1.0 / w
         tau = row_time(fy * row_y / row_z + cy, height, after[0])
         row_x, row_y = row_x * magnified, row_y * magnified
         now = propagate_motion(motion_after, tau)
-        point[0], point[1], point[2] = propagate_point(now, row_x, row_y, row_z, -tau)
+        x, y, z = propagate_point(now, row_x, row_y, row_z, -tau)
+        corrected[0, n], corrected[1, n], corrected[2, n] = x, y, z
     return corrected

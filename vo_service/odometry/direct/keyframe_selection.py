@@ -291,7 +291,7 @@ def select(tracked: TrackedFrame, local_map: LocalMap) -> DirectKeyframe:
         alignment.is_static,
     )
     keyframe = remove_dynamic_points(keyframe, local_map.keyframes)
-    if len(keyframe.points[0]) < MIN_KEYFRAME_POINTS:
+    if len(keyframe.points[0].brightness) < MIN_KEYFRAME_POINTS:
         return result.keyframe
     local_map.add(keyframe)
     return keyframe

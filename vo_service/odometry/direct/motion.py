@@ -269,7 +269,7 @@ def project(x: float, y: float, z: float, intrinsics: Array) -> tuple[float, flo
 
 @kernel
 def project_rolling_shutter(
-    points: Array, images: LevelImages, T_camera_keyframe: Array, motion: Array
+    position_m: Array, images: LevelImages, T_camera_keyframe: Array, motion: Array
 ) -> tuple[Array, Array, Array, Array, Array]:
     """Project points into the rows that see them.
 
@@ -278,7 +278,7 @@ def project_rolling_shutter(
     reads contiguous columns and has no other arrays.
 
     Args:
-        points: (N, COLUMNS), of which the first three are the position in the keyframe's axes, m.
+        position_m: (3, N) of a keyframe's points in its axes.
         images: Images with these intrinsics and times of the rows.
         T_camera_keyframe: 4x4 at the frame's stamp.
         motion: (9,) of the camera in its own axes at the frame's stamp.
@@ -287,7 +287,7 @@ def project_rolling_shutter(
         (N,) pixel u and v in the color image; pixel u and v, and 1/z, in the depth image, 1/m. Of
         points behind the camera only the sign of 1/z has a meaning.
     """
-    count = len(points)
+    count = position_m.shape[1]
     u_color, v_color = np.empty(count), np.empty(count)
     u_depth, v_depth, inverse_z = np.empty(count), np.empty(count), np.empty(count)
     (t00, t01, t02, t03), (t10, t11, t12, t13), (t20, t21, t22, t23) = (
@@ -302,7 +302,7 @@ def project_rolling_shutter(
     fx, fy, cx, cy = intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3]
     height = images.inverse_depth.shape[0]
     middle, row_s, skew_s = 0.5 * (height - 1), images.readout_s / height, images.skew_s
-    xs, ys, zs = points[:, 0], points[:, 1], points[:, 2]
+    xs, ys, zs = position_m[0], position_m[1], position_m[2]
     for n in range(count):
         px, py, pz = xs[n], ys[n], zs[n]
         x = t00 * px + t01 * py + t02 * pz + t03

@@ -328,8 +328,8 @@ class DirectOdometry:
 
     def _start_rejection_reason(self, keyframe: DirectKeyframe, images: ImagePyramid) -> str:
         """Why a frame is no first keyframe: the next ones could not be aligned with it."""
-        if len(keyframe.points[0]) < MIN_KEYFRAME_POINTS:
-            return f"only {len(keyframe.points[0])} points with depth"
+        if len(keyframe.points[0].brightness) < MIN_KEYFRAME_POINTS:
+            return f"only {len(keyframe.points[0].brightness)} points with depth"
         self_alignment = align(
             keyframe.points,
             images,

@@ -35,13 +35,14 @@ from vo_service.odometry.direct.parameters import (
     MIN_SAMPLES,
     SUSPECT_SIGMA_SHARE,
 )
-from vo_service.odometry.direct.points import Samples
+from vo_service.odometry.direct.points import Points
 from vo_service.odometry.direct.residuals import (
     ResidualCounts,
     ResidualModel,
     find_inliers,
     negative_log_likelihood,
 )
+from vo_service.odometry.direct.samples import Samples
 from vo_service.types.estimate import TrackingDebug
 
 # Every 4th point is enough to see.
@@ -151,10 +152,10 @@ def make_tracking_debug(keyframe: DirectKeyframe, alignment: DirectAlignment) ->
 
 @kernel
 def _select_drawn_points(
-    points: Array, samples: Samples, residual_model: ResidualModel, intrinsics: Array
+    points: Points, samples: Samples, residual_model: ResidualModel, intrinsics: Array
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_]]:
-    """Fields of `TrackingDebug`, of every 4th of points (N, COLUMNS) and of their samples."""
-    in_keyframe = _project_points(points[::POINT_STRIDE], intrinsics)
+    """Fields of `TrackingDebug`, of every 4th of points and of their samples."""
+    in_keyframe = _project_points(points.position_m, intrinsics)
     is_inlier = find_inliers(points, samples, residual_model)
     keypoints, matches = np.empty_like(in_keyframe), np.empty_like(in_keyframe)
     in_image = sampled = 0
@@ -172,15 +173,16 @@ def _select_drawn_points(
 
 def project_keyframe_points(keyframe: DirectKeyframe) -> NDArray[np.float32]:
     """(N, 2) pixels of every 4th keyframe point in the keyframe's image."""
-    return _project_points(keyframe.points[0][::POINT_STRIDE], keyframe.images.intrinsics[0])
+    return _project_points(keyframe.points[0].position_m, keyframe.images.intrinsics[0])
 
 
 @kernel
-def _project_points(points: Array, intrinsics: Array) -> NDArray[np.float32]:
-    """(N, 2) pixels of points (N, COLUMNS) of a keyframe level."""
-    pixels = np.empty((len(points), 2), np.float32)
-    for n in range(len(points)):
-        u, v = project(points[n, 0], points[n, 1], points[n, 2], intrinsics)
+def _project_points(position_m: Array, intrinsics: Array) -> NDArray[np.float32]:
+    """(M, 2) pixels of every 4th of points (3, N) in a keyframe's axes."""
+    drawn = position_m[:, ::POINT_STRIDE]
+    pixels = np.empty((drawn.shape[1], 2), np.float32)
+    for n in range(len(pixels)):
+        u, v = project(drawn[0, n], drawn[1, n], drawn[2, n], intrinsics)
         pixels[n, 0], pixels[n, 1] = u, v
     return pixels
 

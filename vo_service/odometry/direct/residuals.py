@@ -28,13 +28,8 @@ from vo_service.odometry.direct.parameters import (
     MIN_SIGMAS,
     MIN_STATIC_WEIGHT,
 )
-from vo_service.odometry.direct.points import (
-    HAS_SHAPE,
-    HAS_TEXTURE,
-    POINT_BRIGHTNESS,
-    POINT_BRIGHTNESS_VARIANCE,
-    Samples,
-)
+from vo_service.odometry.direct.points import Points
+from vo_service.odometry.direct.samples import Samples
 
 # Upper bounds of the two sigmas, that of depth as a multiple of its noise.
 MAX_SIGMAS = (MAX_SIGMA_RATIO * INITIAL_SIGMAS[0], MAX_SIGMA_RATIO * INITIAL_SIGMAS[1])
@@ -103,23 +98,23 @@ class WeightedSamples(NamedTuple):
 
 
 @kernel
-def weigh_samples(points: Array, samples: Samples, cell_weights: Array) -> WeightedSamples:
+def weigh_samples(points: Points, samples: Samples, cell_weights: Array) -> WeightedSamples:
     """Select the samples that count, with the weights of their cells.
 
     Args:
-        points: (N, COLUMNS) of a keyframe level.
+        points: Of a keyframe level.
         samples: Of these points in a frame.
         cell_weights: (2, CELLS) of brightness and of depth.
     """
-    count = len(points)
+    count = len(points.brightness)
     brightness, brightness_weight = np.zeros(count), np.zeros(count)
     depth, depth_weight = np.zeros(count), np.zeros(count)
     for i in range(count):
         cell = samples.cell[i]
-        if not np.isnan(samples.brightness[i]) and points[i, HAS_TEXTURE] > 0:
+        if not np.isnan(samples.brightness[i]) and points.has_texture[i]:
             brightness[i] = samples.brightness[i]
             brightness_weight[i] = cell_weights[0, cell]
-        if not np.isnan(samples.depth_residual[i]) and points[i, HAS_SHAPE] > 0:
+        if not np.isnan(samples.depth_residual[i]) and points.has_shape[i]:
             depth[i] = samples.depth_residual[i]
             depth_weight[i] = cell_weights[1, cell]
     return WeightedSamples(brightness, brightness_weight, depth, depth_weight)
@@ -127,12 +122,12 @@ def weigh_samples(points: Array, samples: Samples, cell_weights: Array) -> Weigh
 
 @kernel
 def fit_residual_model(
-    points: Array, weighted: WeightedSamples, residual_model: ResidualModel
+    points: Points, weighted: WeightedSamples, residual_model: ResidualModel
 ) -> ResidualModel:
     """Return the residual model with gain and sigmas updated by one reweighting.
 
     Args:
-        points: (N, COLUMNS) of a keyframe level.
+        points: Of a keyframe level.
         weighted: The samples of these points in a frame.
         residual_model: The one before.
     """
@@ -141,10 +136,10 @@ def fit_residual_model(
     brightness, brightness_weights, _, depth_weights = weighted
     n = chi = skk = skc = 0.0
     n_depth = chi_depth = 0.0
-    for i in range(len(points)):
+    for i in range(len(points.brightness)):
         n += brightness_weights[i]
         chi += costs[i]
-        w, keyframe_brightness = weights[i], points[i, POINT_BRIGHTNESS]
+        w, keyframe_brightness = weights[i], points.brightness[i]
         skk += w * keyframe_brightness * keyframe_brightness
         skc += w * keyframe_brightness * brightness[i]
         n_depth += depth_weights[i]
@@ -162,16 +157,15 @@ def fit_residual_model(
 
 @kernel
 def _student_costs(
-    points: Array, weighted: WeightedSamples, residual_model: ResidualModel
+    points: Points, weighted: WeightedSamples, residual_model: ResidualModel
 ) -> tuple[Array, Array, Array]:
     """Weights (N,) of the brightness samples, and weighted squared residuals (N,), see above.
 
     The second ones are of brightness, the third ones of depth, in variances.
     """
-    count = len(points)
+    count = len(points.brightness)
     weights, costs, depth_costs = np.empty(count), np.empty(count), np.empty(count)
-    keyframe_brightness = points[:, POINT_BRIGHTNESS]
-    point_variance = points[:, POINT_BRIGHTNESS_VARIANCE]
+    keyframe_brightness, point_variance = points.brightness, points.brightness_variance
     brightness, brightness_weight, depth, depth_weight = weighted
     gain = residual_model.gain
     variance = residual_model.sigma_brightness**2
@@ -186,12 +180,12 @@ def _student_costs(
 
 @kernel
 def count_residuals(
-    points: Array, samples: Samples, residual_model: ResidualModel, cell_weights: Array
+    points: Points, samples: Samples, residual_model: ResidualModel, cell_weights: Array
 ) -> ResidualCounts:
     """Count a level's points and samples.
 
     Args:
-        points: (N, COLUMNS) of a keyframe level.
+        points: Of a keyframe level.
         samples: Of these points in a frame.
         residual_model: Of the frame.
         cell_weights: (2, CELLS) of brightness and of depth.
@@ -199,7 +193,7 @@ def count_residuals(
     in_image = disregarded = with_depth = depth_agrees = 0.0
     with_brightness = brightness_agrees = occluded = 0.0
     squared, squared_depth = _squared_residuals(points, samples, residual_model)
-    for i in range(len(points)):
+    for i in range(len(points.brightness)):
         cell = samples.cell[i]
         if samples.occlusion[i] > 0:
             occluded += 1.0
@@ -210,10 +204,10 @@ def count_residuals(
         in_image += 1.0
         disregarded += max(brightness_weight, depth_weight) < MIN_STATIC_WEIGHT
         is_free_space = np.isnan(squared[i])
-        if points[i, HAS_SHAPE] > 0 and (is_free_space or not np.isnan(squared_depth[i])):
+        if points.has_shape[i] and (is_free_space or not np.isnan(squared_depth[i])):
             with_depth += depth_weight
             depth_agrees += depth_weight * (squared_depth[i] < MAX_SQUARED_RESIDUAL)
-        if points[i, HAS_TEXTURE] > 0:
+        if points.has_texture[i]:
             with_brightness += brightness_weight
             brightness_agrees += brightness_weight * (squared[i] < MAX_SQUARED_RESIDUAL)
     return ResidualCounts(
@@ -229,7 +223,7 @@ def count_residuals(
 
 @kernel
 def negative_log_likelihood(
-    points: Array, samples: Samples, residual_model: ResidualModel
+    points: Points, samples: Samples, residual_model: ResidualModel
 ) -> float:
     """Mean negative log-likelihood of the brightness plus that of the depth, up to a constant.
 
@@ -237,20 +231,20 @@ def negative_log_likelihood(
     space of the frame; an occluded one has no cost.
 
     Args:
-        points: (N, COLUMNS) of a keyframe level.
+        points: Of a keyframe level.
         samples: Of these points in a frame.
         residual_model: Of the frame.
     """
     squared, squared_depth = _squared_residuals(points, samples, residual_model)
     total = total_depth = count = count_depth = 0.0
-    for i in range(len(points)):
+    for i in range(len(points.brightness)):
         if samples.cell[i] < 0 or samples.occlusion[i] > 0:
             continue
         is_free_space = np.isnan(squared[i])
-        if points[i, HAS_SHAPE] > 0 and (is_free_space or not np.isnan(squared_depth[i])):
+        if points.has_shape[i] and (is_free_space or not np.isnan(squared_depth[i])):
             total_depth += _log_cost(squared_depth[i])
             count_depth += 1.0
-        if points[i, HAS_TEXTURE] > 0:
+        if points.has_texture[i]:
             total += _log_cost(squared[i])
             count += 1.0
     of_brightness = total / max(count, 1.0) + np.log(residual_model.sigma_brightness)
@@ -267,38 +261,38 @@ def _log_cost(squared: float) -> float:
 
 @kernel
 def find_inliers(
-    points: Array, samples: Samples, residual_model: ResidualModel
+    points: Points, samples: Samples, residual_model: ResidualModel
 ) -> NDArray[np.bool_]:
     """(N,) whether a point's brightness and depth samples agree with it.
 
     Args:
-        points: (N, COLUMNS) of a keyframe level.
+        points: Of a keyframe level.
         samples: Of these points in a frame.
         residual_model: Of the frame.
     """
-    is_inlier = np.zeros(len(points), np.bool_)
+    is_inlier = np.zeros(len(points.brightness), np.bool_)
     gain = residual_model.gain
     variance = residual_model.sigma_brightness**2
     variance_depth = residual_model.sigma_depth**2
-    for i in range(len(points)):
+    for i in range(len(points.brightness)):
         brightness = samples.brightness[i]
         depth = samples.depth_residual[i]
         if np.isnan(brightness):
             continue
-        residual = brightness_residual(brightness, points[i, POINT_BRIGHTNESS], gain)
+        residual = brightness_residual(brightness, points.brightness[i], gain)
         brightness_agrees = residual * residual < MAX_SQUARED_RESIDUAL * (
-            variance + points[i, POINT_BRIGHTNESS_VARIANCE]
+            variance + points.brightness_variance[i]
         )
         depth_agrees = np.isnan(depth) or depth * depth < MAX_SQUARED_RESIDUAL * variance_depth
-        is_inlier[i] = (brightness_agrees or points[i, HAS_TEXTURE] == 0) and (
-            depth_agrees or points[i, HAS_SHAPE] == 0
+        is_inlier[i] = (brightness_agrees or not points.has_texture[i]) and (
+            depth_agrees or not points.has_shape[i]
         )
     return is_inlier
 
 
 @kernel
 def weigh_regions(
-    points: Array, samples: Samples, residual_model: ResidualModel, base_weights: Array
+    points: Points, samples: Samples, residual_model: ResidualModel, base_weights: Array
 ) -> Array:
     """(2, CELLS) weights: the base weights, lowered where a cell fits worse than most cells do.
 
@@ -306,7 +300,7 @@ def weigh_regions(
     each other, so it has to be detected as a region.
 
     Args:
-        points: (N, COLUMNS) of a keyframe level.
+        points: Of a keyframe level.
         samples: Of these points in a frame.
         residual_model: Of the frame.
         base_weights: (2, CELLS) of brightness and of depth.
@@ -327,7 +321,7 @@ def weigh_regions(
 
 @kernel
 def _mean_cell_costs(
-    points: Array, samples: Samples, residual_model: ResidualModel, base_weights: Array
+    points: Points, samples: Samples, residual_model: ResidualModel, base_weights: Array
 ) -> Array:
     """(CELLS,) mean squared residual in variances, clipped; -1 for a cell with few samples.
 
@@ -335,7 +329,7 @@ def _mean_cell_costs(
     """
     sums, counts = np.zeros(NUM_CELLS), np.zeros(NUM_CELLS)
     squared, squared_depth = _squared_residuals(points, samples, residual_model)
-    for i in range(len(points)):
+    for i in range(len(points.brightness)):
         cell = samples.cell[i]
         if cell < 0 or samples.occlusion[i] > 0:
             continue
@@ -343,10 +337,10 @@ def _mean_cell_costs(
             sums[cell] += MAX_SQUARED_RESIDUAL
             counts[cell] += 1.0
             continue
-        if points[i, HAS_TEXTURE] > 0 and base_weights[0, cell] > 0:
+        if points.has_texture[i] and base_weights[0, cell] > 0:
             sums[cell] += min(squared[i], MAX_SQUARED_RESIDUAL)
             counts[cell] += 1.0
-        if points[i, HAS_SHAPE] > 0 and not np.isnan(squared_depth[i]):
+        if points.has_shape[i] and not np.isnan(squared_depth[i]):
             sums[cell] += min(squared_depth[i], MAX_SQUARED_RESIDUAL)
             counts[cell] += 1.0
     means = np.full(NUM_CELLS, -1.0)
@@ -358,14 +352,13 @@ def _mean_cell_costs(
 
 @kernel
 def _squared_residuals(
-    points: Array, samples: Samples, residual_model: ResidualModel
+    points: Points, samples: Samples, residual_model: ResidualModel
 ) -> tuple[Array, Array]:
     """Squared residuals (N,) of brightness and of depth, in variances; NaN without a sample."""
-    count = len(points)
+    count = len(points.brightness)
     squared, squared_depth = np.empty(count), np.empty(count)
     brightness, depth = samples.brightness, samples.depth_residual
-    keyframe_brightness = points[:, POINT_BRIGHTNESS]
-    point_variance = points[:, POINT_BRIGHTNESS_VARIANCE]
+    keyframe_brightness, point_variance = points.brightness, points.brightness_variance
     gain = residual_model.gain
     variance = residual_model.sigma_brightness**2
     variance_depth = residual_model.sigma_depth**2

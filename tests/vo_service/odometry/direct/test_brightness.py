@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drivers.camera import RgbdFrame
-from drivers.core.geometry import Array, inverse
+from drivers.core.geometry import inverse
 from tests.vo_service.odometry.direct.rolling_shutter_views import (
     CAMERA,
     STILL,
@@ -29,7 +29,7 @@ from vo_service.odometry.direct.keyframe import DirectKeyframe, make_keyframe
 from vo_service.odometry.direct.motion import zero_motion
 from vo_service.odometry.direct.odometry import DirectOdometry
 from vo_service.odometry.direct.parameters import BRIGHTNESS_WEIGHT, MAX_VIGNETTING
-from vo_service.odometry.direct.points import select_points
+from vo_service.odometry.direct.points import Points, select_points
 
 POINTS = select_points(build_image_pyramid(add_noise(render_view(), 0)), zero_motion(), ALL_STATIC)
 
@@ -41,7 +41,7 @@ def with_registration_error(frame: RgbdFrame, shift_px: int) -> RgbdFrame:
     return replace(frame, color_bgr=np.vstack(shifted))
 
 
-def shared_error(points: tuple[Array, ...], frame: RgbdFrame) -> float:
+def shared_error(points: tuple[Points, ...], frame: RgbdFrame) -> float:
     images = build_image_pyramid(frame)
     alignment = align(points, images, np.eye(4), UNKNOWN_MOTION, 1.0, uniform_weights())
     return estimate_uncertainty(points, images, alignment, UNKNOWN_MOTION, np.zeros(2)).shared_error

@@ -53,7 +53,7 @@ def test_half_the_size_has_half_the_noise(monkeypatch: pytest.MonkeyPatch) -> No
     for noise in (0.0, 2.0):
         monkeypatch.setattr(points, "measure_brightness_noise", lambda gray, noise=noise: noise)
         levels = points.select_points(images, zero_motion(), ALL_STATIC)
-        counts.append([int(level[:, points.HAS_TEXTURE].sum()) for level in levels])
+        counts.append([int(level.has_texture.sum()) for level in levels])
     assert counts[1][0] < counts[0][0]
     assert counts[1][1:] == counts[0][1:]
 

@@ -26,9 +26,7 @@ from vo_service.odometry.direct.gauss_newton import MotionPrior
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC, build_image_pyramid
 from vo_service.odometry.direct.keyframe import DirectKeyframe, make_keyframe
 from vo_service.odometry.direct.motion import se3_log, zero_motion
-from vo_service.odometry.direct.points import (
-    NUM_ROW_BANDS,
-)
+from vo_service.odometry.direct.samples import NUM_ROW_BANDS
 
 # 95 % quantile of chi squared with six degrees of freedom.
 CHI_SQUARED_95 = 12.59

@@ -16,7 +16,7 @@ from vo_service.odometry.direct.alignment import (
 )
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC, build_image_pyramid
 from vo_service.odometry.direct.motion import zero_motion
-from vo_service.odometry.direct.points import Samples, select_points
+from vo_service.odometry.direct.points import select_points
 from vo_service.odometry.direct.quality import (
     degradation_reason,
     is_consistent,
@@ -29,6 +29,7 @@ from vo_service.odometry.direct.residuals import (
     find_inliers,
     negative_log_likelihood,
 )
+from vo_service.odometry.direct.samples import Samples
 
 POINTS = select_points(build_image_pyramid(add_noise(render_view(), 0)), zero_motion(), ALL_STATIC)
 GOOD = align(
@@ -113,7 +114,7 @@ def test_an_occluded_point_is_not_counted_and_one_seen_through_disagrees() -> No
     assert count_of(through).depth_agrees < 0.8 * before.depth_agrees
     assert cost_of(through) > cost_of(GOOD.samples)
     others = Samples._make(each[~within] for each in hidden)
-    of_others = negative_log_likelihood(POINTS[0][~within], others, GOOD.residual_model)
+    of_others = negative_log_likelihood(POINTS[0].select(~within), others, GOOD.residual_model)
     assert cost_of(hidden) == pytest.approx(of_others)
 
 

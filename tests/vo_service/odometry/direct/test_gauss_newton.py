@@ -3,7 +3,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from numpy.typing import NDArray
 
 from drivers.core.geometry import Array
 from tests.vo_service.odometry.direct.rolling_shutter_views import (
@@ -27,18 +26,12 @@ from vo_service.odometry.direct.gauss_newton import (
 )
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC, build_image_pyramid
 from vo_service.odometry.direct.motion import zero_motion
-from vo_service.odometry.direct.points import (
-    HAS_SHAPE,
-    HAS_TEXTURE,
-    POINT_BRIGHTNESS_GRADIENT,
-    POINT_DEPTH_GRADIENT,
-    Samples,
-    select_points,
-)
+from vo_service.odometry.direct.points import select_points
 from vo_service.odometry.direct.residuals import (
     fit_residual_model,
     weigh_samples,
 )
+from vo_service.odometry.direct.samples import Samples
 
 FEW = settings(max_examples=30)
 
@@ -77,12 +70,11 @@ SMALL = 1e-4
 EVERY_DIRECTION = list(np.eye(6))
 
 
-def jacobians(first: int, has: int) -> tuple[Array, NDArray[np.bool_]]:
-    """(N, 6) Jacobians, and which points have them."""
-    rows, counts = np.empty((len(POINTS[0]), 6)), POINTS[0][:, has] > 0
-    for point, row in zip(POINTS[0], rows, strict=True):
-        row[:] = jacobian(point, first, 1.0)
-    return rows, counts
+def jacobians(gradient: Array) -> Array:
+    """(N, 6) Jacobians."""
+    return np.array(
+        [jacobian(POINTS[0].position_m, gradient, n, 1.0) for n in range(gradient.shape[1])]
+    )
 
 
 def change(column: str, direction: Array) -> Array:
@@ -96,7 +88,7 @@ def change(column: str, direction: Array) -> Array:
 
 @pytest.mark.parametrize("direction", EVERY_DIRECTION)
 def test_depth_changes_as_its_jacobian_predicts(direction: Array) -> None:
-    rows, counts = jacobians(POINT_DEPTH_GRADIENT, HAS_SHAPE)
+    rows, counts = jacobians(POINTS[0].depth_gradient), POINTS[0].has_shape
     predicted, true = rows @ direction, change("depth_residual", direction)
     counts = counts & np.isfinite(true)
     off = np.abs(predicted - true)[counts]
@@ -105,7 +97,7 @@ def test_depth_changes_as_its_jacobian_predicts(direction: Array) -> None:
 
 @pytest.mark.parametrize("direction", EVERY_DIRECTION)
 def test_brightness_changes_as_its_jacobian_predicts(direction: Array) -> None:
-    rows, counts = jacobians(POINT_BRIGHTNESS_GRADIENT, HAS_TEXTURE)
+    rows, counts = jacobians(POINTS[0].brightness_gradient), POINTS[0].has_texture
     predicted, true = rows @ direction, change("brightness", direction)
     counts = counts & np.isfinite(true)
     # The Jacobian has a slope over two pixels, the difference one between two.
@@ -180,8 +172,8 @@ def test_cells_without_weight_have_no_effect() -> None:
 def test_brightness_and_sigmas_are_estimated(seed: int) -> None:
     random = np.random.default_rng(seed)
     samples = sample_points(POINTS, IMAGES, np.eye(4), zero_motion(), 0)
-    n = len(POINTS[0])
-    samples.brightness[:] = 1.3 * POINTS[0][:, 3] + random.normal(0.0, 5.0, n)
+    n = len(POINTS[0].brightness)
+    samples.brightness[:] = 1.3 * POINTS[0].brightness + random.normal(0.0, 5.0, n)
     samples.depth_residual[:] = random.normal(0.0, 2e-3, n)
     wrong = random.uniform(size=n) < 0.05
     samples.brightness[wrong] = 255.0
@@ -197,11 +189,11 @@ def test_brightness_and_sigmas_are_estimated(seed: int) -> None:
 
 @pytest.mark.parametrize(("readings_each", "is_enough"), [(49, False), (50, True)])
 def test_too_few_samples_change_nothing(readings_each: int, is_enough: bool) -> None:
-    both = (POINTS[0][:, HAS_TEXTURE] > 0) & (POINTS[0][:, HAS_SHAPE] > 0)
-    chosen = np.flatnonzero(both)[:readings_each]
+    both = POINTS[0].has_texture & POINTS[0].has_shape
+    chosen = both & (np.cumsum(both) <= readings_each)
     of_all = sample_points(POINTS, IMAGES, np.eye(4), zero_motion(), 0)
     samples = Samples._make(each[chosen] for each in of_all)
-    points = np.asfortranarray(POINTS[0][chosen])
+    points = POINTS[0].select(chosen)
     assert np.isfinite([samples.brightness, samples.depth_residual]).all()
     initial = initial_residual_model(IMAGES, POINTS[0])
     weighted = weigh_samples(points, samples, uniform_weights())

@@ -29,7 +29,10 @@ def keyframe_with(shutter: ImageTiming, motion: Array, focal: float = 0.0) -> Di
 def difference(one: DirectKeyframe, other: DirectKeyframe) -> Array:
     """(N,) distances of the finest points of one from the nearest ones of the other, m."""
     return np.array(
-        [np.linalg.norm(other.points[0][:, :3] - p, axis=1).min() for p in one.points[0][:, :3]]
+        [
+            np.linalg.norm(other.points[0].position_m.T - position_m, axis=1).min()
+            for position_m in one.points[0].position_m.T
+        ]
     )
 
 
@@ -55,10 +58,14 @@ def test_a_correction_can_be_taken_back() -> None:
     old = keyframe_with(ImageTiming(0.010, 0.002), MOTION)
     there = correct_keyframe(old, old.images.camera, ImageTiming(0.020, 0.008), 0.5 * MOTION)
     back = correct_keyframe(there, old.images.camera, old.images.shutter, MOTION)
-    np.testing.assert_allclose(back.points[0][:, :3], old.points[0][:, :3], atol=2e-3)
+    np.testing.assert_allclose(back.points[0].position_m, old.points[0].position_m, atol=2e-3)
 
 
 def test_sparse_points_are_some_of_all() -> None:
     old = keyframe_with(ImageTiming(0.0, 0.0), zero_motion())
     sparse = correct_keyframe(old, old.images.camera, old.images.shutter, old.motion, 4)
-    np.testing.assert_allclose(sparse.points[0], old.points[0][::4], atol=1e-12)
+    position_m, *fields = sparse.points[0]
+    expected_m, *expected = old.points[0].select(slice(None, None, 4))
+    np.testing.assert_allclose(position_m, expected_m, atol=1e-12)
+    for field, of_old in zip(fields, expected, strict=True):
+        np.testing.assert_array_equal(field, of_old)

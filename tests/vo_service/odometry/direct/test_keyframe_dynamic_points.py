@@ -58,7 +58,7 @@ def parts_kept(keyframe: DirectKeyframe, others: list[DirectKeyframe]) -> tuple[
     kept = remove_dynamic_points(keyframe, others)
     of_thing, of_room = [], []
     for before, after in zip(keyframe.points, kept.points, strict=True):
-        is_thing = before[:, 2] < THING_M + 0.05, after[:, 2] < THING_M + 0.05
+        is_thing = [each.position_m[2] < THING_M + 0.05 for each in (before, after)]
         of_thing.append(float(is_thing[1].sum() / max(int(is_thing[0].sum()), 1)))
         of_room.append(float((~is_thing[1]).sum() / (~is_thing[0]).sum()))
     return max(of_thing), min(of_room)
@@ -125,5 +125,5 @@ def test_a_new_keyframe_has_no_points_on_the_dynamic_object() -> None:
     assert chosen.frame.depth_raw is frame.depth_raw
     assert local_map.keyframes == [EMPTY, chosen]
     for level in chosen.points:
-        assert len(level) > 0
-        assert not np.any(level[:, 2] < THING_M + 0.05)
+        assert len(level.brightness) > 0
+        assert not np.any(level.position_m[2] < THING_M + 0.05)

@@ -23,13 +23,8 @@ from vo_service.odometry.direct.image_pyramid import (
     build_image_pyramid,
 )
 from vo_service.odometry.direct.motion import zero_motion
-from vo_service.odometry.direct.points import (
-    POINT_BRIGHTNESS,
-    Samples,
-    empty_samples,
-    select_points,
-    warp_and_sample,
-)
+from vo_service.odometry.direct.points import Points, select_points
+from vo_service.odometry.direct.samples import Samples, empty_samples, warp_and_sample
 
 STANDING = zero_motion()
 POINTS = select_points(build_image_pyramid(render_view()), STANDING, ALL_STATIC)[0]
@@ -40,11 +35,11 @@ def sample_view(
     frame: RgbdFrame,
     T_camera_keyframe: Array,
     camera_motion: Array,
-    points: Array = POINTS,
+    points: Points = POINTS,
     vignetting: float = 0.0,
 ) -> Samples:
     images = build_image_pyramid(frame, vignetting)
-    samples = empty_samples(len(points))
+    samples = empty_samples(len(points.brightness))
     warp_and_sample(points, images.levels[0], T_camera_keyframe, camera_motion, samples)
     return samples
 
@@ -71,7 +66,7 @@ def test_every_point_is_sampled_at_the_time_of_its_row(readout_s: float, skew_s:
     samples = sample_view(frame, AWAY, BRISK.motion)
     in_view = samples.u >= 0
     assert in_view.sum() > 500
-    places = transform_points(AWAY, POINTS[in_view, :3])
+    places = transform_points(AWAY, POINTS.position_m.T[in_view])
     exact = [slowly(place, BRISK.velocity, readout_s, 0.0) for place in places[::10]]
     np.testing.assert_allclose(pixels(samples)[in_view][::10], np.array(exact)[:, :2], atol=0.02)
 
@@ -83,7 +78,7 @@ def test_a_rolling_shutter_view_samples_the_keyframe_brightness(
     """With the true motion the residuals are small, though every row has its own pose."""
     frame = render_view(BRISK, 0.2, readout_s=readout_s, skew_s=skew_s)
     samples = sample_view(frame, inverse(BRISK.pose_at(0.2)), BRISK.motion)
-    brightness = samples.brightness - POINTS[:, POINT_BRIGHTNESS]
+    brightness = samples.brightness - POINTS.brightness
     assert np.isfinite(brightness).mean() > 0.7
     assert np.nanmedian(np.abs(brightness)) < 1.0
     assert np.nanmedian(np.abs(samples.depth_residual)) < 5e-5
@@ -130,7 +125,7 @@ def test_points_outside_the_image_or_behind_the_camera_have_no_sample() -> None:
     aside = series_exponential(np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
     samples = sample_view(render_view(), aside, STANDING)
     gone = samples.cell < 0
-    places = transform_points(aside, POINTS[:, :3])
+    places = transform_points(aside, POINTS.position_m.T)
     assert np.all(gone[CAMERA.fx * places[:, 0] / places[:, 2] + CAMERA.cx > CAMERA.width])
     assert 0 < gone.sum() < len(gone)
     behind = sample_view(
@@ -174,6 +169,7 @@ def test_vignetting_is_corrected_towards_the_corner() -> None:
     is_visible = ~np.isnan(plain.brightness)
     center, focal_px = [CAMERA.cx, CAMERA.cy], CAMERA.fx
     now = (((pixels(plain)[is_visible] - center) / focal_px) ** 2).sum(axis=1)
-    before = ((POINTS[is_visible, :2] / POINTS[is_visible, 2:3]) ** 2).sum(axis=1)
+    x, y, z = POINTS.position_m[:, is_visible]
+    before = (x / z) ** 2 + (y / z) ** 2
     expected = plain.brightness[is_visible] * (1.0 + 0.2 * (now - before))
     np.testing.assert_allclose(with_timing.brightness[is_visible], expected, rtol=1e-9)

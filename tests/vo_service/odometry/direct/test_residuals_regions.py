@@ -30,14 +30,12 @@ from vo_service.odometry.direct.image_pyramid import (
     build_image_pyramid,
 )
 from vo_service.odometry.direct.motion import zero_motion
-from vo_service.odometry.direct.points import (
-    Samples,
-    select_points,
-)
+from vo_service.odometry.direct.points import select_points
 from vo_service.odometry.direct.residuals import (
     ResidualModel,
     weigh_regions,
 )
+from vo_service.odometry.direct.samples import Samples
 
 FRAME = add_noise(render_view(), 0)
 POINTS = select_points(build_image_pyramid(FRAME), zero_motion(), ALL_STATIC)

@@ -38,7 +38,7 @@ def views() -> list[RgbdFrame]:
 def points_of(odometry: DirectOdometry) -> list[int]:
     """Points of the active keyframe by level."""
     assert odometry.active_keyframe is not None
-    return [len(level) for level in odometry.active_keyframe.points]
+    return [len(level.brightness) for level in odometry.active_keyframe.points]
 
 
 def test_the_profile_has_half_the_points_on_three_levels() -> None:

@@ -20,9 +20,9 @@ from vo_service.odometry.direct.motion import (
     zero_motion,
 )
 from vo_service.odometry.direct.motion_state import MotionState
-from vo_service.odometry.direct.points import empty_samples
 from vo_service.odometry.direct.quality import TrackingResult
 from vo_service.odometry.direct.residuals import ResidualCounts
+from vo_service.odometry.direct.samples import empty_samples
 
 T_WORLD_KEYFRAME = BRISK.pose_at(-0.1)
 KEYFRAME = make_keyframe(

@@ -38,8 +38,8 @@ def test_a_map_is_restored_unchanged(saved: Path, contents: MapContents) -> None
         for saved_points, loaded_points in zip(
             was.alignment_points, now.alignment_points, strict=True
         ):
-            for saved, loaded in zip(saved_points, loaded_points, strict=True):
-                assert np.array_equal(saved, loaded)
+            for field, loaded in zip(saved_points, loaded_points, strict=True):
+                assert np.array_equal(field, loaded)
     for edge, own_edges in zip(contents.edges, again.edges, strict=True):
         assert (own_edges.a, own_edges.b, own_edges.is_loop, own_edges.length_m) == (
             edge.a, edge.b, edge.is_loop, edge.length_m,

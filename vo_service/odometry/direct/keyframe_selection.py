@@ -22,6 +22,7 @@ from vo_service.odometry.direct.alignment import (
     sample_points,
     uniform_weights,
 )
+from vo_service.odometry.direct.dynamic_points import remove_dynamic_points
 from vo_service.odometry.direct.gauss_newton import (
     TRIANGLE_SIZE,
     UPPER_TRIANGLE,
@@ -34,7 +35,6 @@ from vo_service.odometry.direct.keyframe import (
     LocalMap,
     compute_overlap,
     make_keyframe,
-    remove_dynamic_points,
 )
 from vo_service.odometry.direct.motion import (
     change_frame,

@@ -22,7 +22,7 @@ from vo_service.odometry.direct.parameters import (
     MIN_DEPTH_M,
     MIN_OBSERVED_SHARE,
 )
-from vo_service.odometry.direct.points import drop_empty_levels
+from vo_service.odometry.direct.points import are_in_blocks, drop_empty_levels
 
 BLOCK_CENTER_PX = DYNAMIC_BLOCK_PX // 2
 # State of a block by the views of other keyframes.
@@ -39,7 +39,7 @@ def remove_dynamic_points(
     If the others have observed too little of the view, the keyframe is returned unchanged.
     """
     images = keyframe.images
-    blocks, block_points = _backproject_blocks(
+    blocks, block_points = backproject_blocks(
         images.depth.raw, images.depth.factor, images.intrinsics[0]
     )
     states = np.zeros(blocks.shape, np.uint8)
@@ -66,7 +66,7 @@ def remove_dynamic_points(
 
 
 @kernel
-def _backproject_blocks(
+def backproject_blocks(
     depth_raw: NDArray[np.uint16], depth_factor: float, intrinsics: Array
 ) -> tuple[DepthBlocks, Array]:
     """Inverse depth and position of the pixels in the centers of the blocks.
@@ -214,24 +214,3 @@ def _flood_fill_surface(
                 surface[size, 0], surface[size, 1] = c, d
                 size += 1
     return size
-
-
-@kernel
-def are_in_blocks(
-    position_m: Array, intrinsics: Array, is_selected: NDArray[np.bool_]
-) -> NDArray[np.bool_]:
-    """(N,) whether points of a keyframe lie in the selected blocks (rows, columns).
-
-    Args:
-        position_m: (3, N).
-        intrinsics: (4,) of the whole image.
-        is_selected: (rows, columns) blocks.
-    """
-    rows, columns = is_selected.shape
-    is_inside = np.zeros(position_m.shape[1], np.bool_)
-    for n in range(len(is_inside)):
-        u, v = project(position_m[0, n], position_m[1, n], position_m[2, n], intrinsics)
-        row = min(max(int(v / DYNAMIC_BLOCK_PX), 0), rows - 1)
-        column = min(max(int(u / DYNAMIC_BLOCK_PX), 0), columns - 1)
-        is_inside[n] = is_selected[row, column]
-    return is_inside

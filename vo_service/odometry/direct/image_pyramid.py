@@ -138,6 +138,8 @@ class ImagePyramid:
         depth_noise: Sigma of the inverse depth of a pixel, 1/m, see `DepthNoise`.
         point_blocks: Number of blocks along the longer side that give a point each, by level, at
             least as many as gray images.
+        body_blocks: (rows, columns) blocks that show the robot's body, see `RobotBody`; None for
+            none.
     """
 
     gray: tuple[NDArray[np.uint8], ...]
@@ -149,6 +151,7 @@ class ImagePyramid:
     brightness_weight: float = BRIGHTNESS_WEIGHT
     depth_noise: float = DEPTH_NOISE_PER_M
     point_blocks: Sequence[int] = POINT_BLOCKS
+    body_blocks: NDArray[np.bool_] | None = None
 
     @cached_property
     def intrinsics(self) -> tuple[Array, ...]:
@@ -212,6 +215,7 @@ def build_image_pyramid(
     brightness_weight: float = BRIGHTNESS_WEIGHT,
     depth_noise: float = DEPTH_NOISE_PER_M,
     point_blocks: Sequence[int] = POINT_BLOCKS,
+    body_blocks: NDArray[np.bool_] | None = None,
 ) -> ImagePyramid:
     """Build the image pyramid of a frame; see there for the arguments.
 
@@ -222,6 +226,7 @@ def build_image_pyramid(
         depth_noise: See `DepthNoise`.
         point_blocks: Numbers of blocks for a keyframe's points, one for each level; at most
             `NUM_LEVELS`.
+        body_blocks: See `RobotBody`.
     """
     return ImagePyramid(
         gray=_downscale(frame.gray, len(point_blocks)),
@@ -233,6 +238,7 @@ def build_image_pyramid(
         brightness_weight=brightness_weight,
         depth_noise=depth_noise,
         point_blocks=point_blocks,
+        body_blocks=body_blocks,
     )
 
 

@@ -57,6 +57,7 @@ from vo_service.odometry.direct.recovery import (
     KeyframeMatch,
     rejection_reason_after,
 )
+from vo_service.odometry.direct.robot_body import RobotBody
 from vo_service.odometry.direct.small_matrices import invert_cholesky
 from vo_service.odometry.features.extractor import SurfExtractor
 from vo_service.types.estimate import Estimate, TrackingDebug
@@ -113,6 +114,7 @@ class DirectOdometry:
         self._vignetting = VignettingEstimate()
         self._brightness_weight = BrightnessWeight()
         self._depth_noise = DepthNoise()
+        self._body = RobotBody()
         self._track: DirectTrack | None = None
         self._T_world_camera = np.eye(4)
         self._failures = 0
@@ -189,6 +191,7 @@ class DirectOdometry:
                 self._brightness_weight.value,
                 self._depth_noise.value_per_m,
                 self._point_blocks,
+                self._body.blocks,
             )
         # Between frames that are close, only what moves or occludes hinders the alignment; most
         # features may be on it.
@@ -310,6 +313,9 @@ class DirectOdometry:
             refined, tracked = refine(track.last_frame, tracked, self._map)
         with self._timer.stage("keyframe"):
             self._depth_noise = self._depth_noise.update(tracked.images)
+            if tracked.is_well_constrained:
+                T_keyframe_camera = inverse(tracked.result.alignment.T_camera_keyframe)
+                self._body = self._body.update(tracked.images, keyframe, T_keyframe_camera)
             return tracked, select(refined, self._map)
 
     def _start(self, frame: RgbdFrame, images: ImagePyramid, is_reset: bool) -> Estimate:

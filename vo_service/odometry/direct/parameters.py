@@ -220,6 +220,14 @@ DYNAMIC_BLOCK_PX = 8
 # at least this share of the view; a surface is static if they have observed this share of it.
 MIN_OBSERVED_SHARE = 0.25
 
+# ROBOT BODY
+# A block belongs to the robot's body if it was at rest in so many keyframes in a row.
+MIN_BODY_VIEWS = 2
+# Two views show the same texture if their brightness correlates by this much, and its standard
+# deviation is at least this, gray levels.
+MIN_BODY_CORRELATION = 0.8
+MIN_BODY_CONTRAST = 5.0
+
 # CALIBRATION
 # Several values are of readout time and delay of depth after color, s, then of the logarithm of the
 # focal length (0.01 is 1 % longer), then of the disagreement of depth with brightness about it.

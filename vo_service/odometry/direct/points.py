@@ -29,6 +29,7 @@ from vo_service.odometry.direct.motion import (
     row_time,
 )
 from vo_service.odometry.direct.parameters import (
+    DYNAMIC_BLOCK_PX,
     INTERPOLATION_PX,
     MAX_PLANE_RMS_RATIO,
     MIN_PLANE_SUPPORT,
@@ -83,12 +84,18 @@ def select_points(
     """
     noise = measure_brightness_noise(images.gray[0])
     sizes_px = images.point_blocks_px
-    return drop_empty_levels(
+    levels = (
         _select_level(
             level_images, sizes_px[level], motion, is_static, smallest_gradient(noise * 0.5**level)
         )
         for level, level_images in enumerate(images.levels)
     )
+    if images.body_blocks is not None:
+        levels = (
+            level.select(~are_in_blocks(level.position_m, images.intrinsics[0], images.body_blocks))
+            for level in levels
+        )
+    return drop_empty_levels(levels)
 
 
 def smallest_gradient(noise: float) -> float:
@@ -328,3 +335,24 @@ def _fit_surface(
         wv,
         squared <= (MAX_PLANE_RMS_RATIO * noise) ** 2,
     )
+
+
+@kernel
+def are_in_blocks(
+    position_m: Array, intrinsics: Array, is_selected: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """(N,) whether points of a keyframe lie in the selected blocks (rows, columns).
+
+    Args:
+        position_m: (3, N).
+        intrinsics: (4,) of the whole image.
+        is_selected: (rows, columns) blocks.
+    """
+    rows, columns = is_selected.shape
+    is_inside = np.zeros(position_m.shape[1], np.bool_)
+    for n in range(len(is_inside)):
+        u, v = project(position_m[0, n], position_m[1, n], position_m[2, n], intrinsics)
+        row = min(max(int(v / DYNAMIC_BLOCK_PX), 0), rows - 1)
+        column = min(max(int(u / DYNAMIC_BLOCK_PX), 0), columns - 1)
+        is_inside[n] = is_selected[row, column]
+    return is_inside

@@ -331,7 +331,9 @@ def accumulate_scores(
     """
     scores, moments = np.zeros((NUM_CELLS, NUM_UNKNOWNS)), np.zeros((4, 4))
     depth_scores, products = np.zeros((NUM_CELLS, NUM_UNKNOWNS)), np.zeros((6, 6))
-    residuals, weights, depth_weights = student_weights(points, weighted, residual_model)
+    residuals, weights, depth_weights = student_weights(
+        (points.brightness, points.brightness_variance), weighted, residual_model
+    )
     gain, depth = residual_model.gain, weighted.depth
     readout_s, skew_s = images.readout_s, images.skew_s
     focal_px, depth_focal_px = images.intrinsics[0], images.depth_intrinsics[0]

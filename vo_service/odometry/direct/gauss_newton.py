@@ -182,7 +182,9 @@ def accumulate(
         residual_model: Of the frame.
     """
     sums = np.zeros((2 * NUM_ROW_BANDS, NUM_SUMS))
-    residuals, weights, depth_weights = student_weights(points, weighted, residual_model)
+    residuals, weights, depth_weights = student_weights(
+        (points.brightness, points.brightness_variance), weighted, residual_model
+    )
     _add_residuals(
         points.position_m,
         (points.brightness_gradient, residual_model.gain),
@@ -248,20 +250,20 @@ def _add_residuals(
 
 @kernel
 def student_weights(
-    points: Points, weighted: WeightedSamples, residual_model: ResidualModel
+    of_points: tuple[Array, Array], weighted: WeightedSamples, residual_model: ResidualModel
 ) -> tuple[Array, Array, Array]:
     """Residuals (N,) of brightness, and weights (N,) of brightness and of depth.
 
     The weights are 0 where there is no sample.
 
     Args:
-        points: Of a keyframe level.
+        of_points: (N,) brightness of points, and its variance.
         weighted: The samples of these points in a frame.
         residual_model: Of the frame.
     """
-    count = len(points.brightness)
+    keyframe_brightness, point_variance = of_points
+    count = len(keyframe_brightness)
     residuals, weights, depth_weights = np.empty(count), np.empty(count), np.empty(count)
-    keyframe_brightness, point_variance = points.brightness, points.brightness_variance
     brightness, brightness_weight, depth, depth_weight = weighted
     gain = residual_model.gain
     weight_of_brightness = residual_model.brightness_weight

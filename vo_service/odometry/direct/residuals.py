@@ -131,7 +131,10 @@ def fit_residual_model(
         weighted: The samples of these points in a frame.
         residual_model: The one before.
     """
-    weights, costs, depth_costs = _student_costs(points, weighted, residual_model)
+    keyframe_brightness, point_variance = points.brightness, points.brightness_variance
+    weights, costs, depth_costs = _student_costs(
+        (keyframe_brightness, point_variance), weighted, residual_model
+    )
     # Fields of a tuple cost time in a loop.
     brightness, brightness_weights, _, depth_weights = weighted
     n = chi = skk = skc = 0.0
@@ -139,9 +142,9 @@ def fit_residual_model(
     for i in range(len(points.brightness)):
         n += brightness_weights[i]
         chi += costs[i]
-        w, keyframe_brightness = weights[i], points.brightness[i]
-        skk += w * keyframe_brightness * keyframe_brightness
-        skc += w * keyframe_brightness * brightness[i]
+        w, expected = weights[i], keyframe_brightness[i]
+        skk += w * expected * expected
+        skc += w * expected * brightness[i]
         n_depth += depth_weights[i]
         chi_depth += depth_costs[i]
     gain, sigma, sigma_depth, brightness_weight, noise, contrast = residual_model
@@ -157,15 +160,16 @@ def fit_residual_model(
 
 @kernel
 def _student_costs(
-    points: Points, weighted: WeightedSamples, residual_model: ResidualModel
+    of_points: tuple[Array, Array], weighted: WeightedSamples, residual_model: ResidualModel
 ) -> tuple[Array, Array, Array]:
     """Weights (N,) of the brightness samples, and weighted squared residuals (N,), see above.
 
-    The second ones are of brightness, the third ones of depth, in variances.
+    The second ones are of brightness, the third ones of depth, in variances. Points have (N,)
+    brightness and its variance.
     """
-    count = len(points.brightness)
+    keyframe_brightness, point_variance = of_points
+    count = len(keyframe_brightness)
     weights, costs, depth_costs = np.empty(count), np.empty(count), np.empty(count)
-    keyframe_brightness, point_variance = points.brightness, points.brightness_variance
     brightness, brightness_weight, depth, depth_weight = weighted
     gain = residual_model.gain
     variance = residual_model.sigma_brightness**2
@@ -192,7 +196,11 @@ def count_residuals(
     """
     in_image = disregarded = with_depth = depth_agrees = 0.0
     with_brightness = brightness_agrees = occluded = 0.0
-    squared, squared_depth = _squared_residuals(points, samples, residual_model)
+    squared, squared_depth = _squared_residuals(
+        (points.brightness, points.brightness_variance),
+        (samples.brightness, samples.depth_residual),
+        residual_model,
+    )
     for i in range(len(points.brightness)):
         cell = samples.cell[i]
         if samples.occlusion[i] > 0:
@@ -235,7 +243,11 @@ def negative_log_likelihood(
         samples: Of these points in a frame.
         residual_model: Of the frame.
     """
-    squared, squared_depth = _squared_residuals(points, samples, residual_model)
+    squared, squared_depth = _squared_residuals(
+        (points.brightness, points.brightness_variance),
+        (samples.brightness, samples.depth_residual),
+        residual_model,
+    )
     total = total_depth = count = count_depth = 0.0
     for i in range(len(points.brightness)):
         if samples.cell[i] < 0 or samples.occlusion[i] > 0:
@@ -328,7 +340,11 @@ def _mean_cell_costs(
     A point in free space of the frame has the largest cost; an occluded one has none.
     """
     sums, counts = np.zeros(NUM_CELLS), np.zeros(NUM_CELLS)
-    squared, squared_depth = _squared_residuals(points, samples, residual_model)
+    squared, squared_depth = _squared_residuals(
+        (points.brightness, points.brightness_variance),
+        (samples.brightness, samples.depth_residual),
+        residual_model,
+    )
     for i in range(len(points.brightness)):
         cell = samples.cell[i]
         if cell < 0 or samples.occlusion[i] > 0:
@@ -352,13 +368,19 @@ def _mean_cell_costs(
 
 @kernel
 def _squared_residuals(
-    points: Points, samples: Samples, residual_model: ResidualModel
+    of_points: tuple[Array, Array], of_samples: tuple[Array, Array], residual_model: ResidualModel
 ) -> tuple[Array, Array]:
-    """Squared residuals (N,) of brightness and of depth, in variances; NaN without a sample."""
-    count = len(points.brightness)
+    """Squared residuals (N,) of brightness and of depth, in variances; NaN without a sample.
+
+    Args:
+        of_points: (N,) brightness and its variance.
+        of_samples: (N,) brightness and depth residual.
+        residual_model: Of the frame.
+    """
+    keyframe_brightness, point_variance = of_points
+    brightness, depth = of_samples
+    count = len(brightness)
     squared, squared_depth = np.empty(count), np.empty(count)
-    brightness, depth = samples.brightness, samples.depth_residual
-    keyframe_brightness, point_variance = points.brightness, points.brightness_variance
     gain = residual_model.gain
     variance = residual_model.sigma_brightness**2
     variance_depth = residual_model.sigma_depth**2

@@ -80,7 +80,7 @@ def warp_and_sample(
     brightness = _sample_brightness(images.gray, u_color, v_color, scale)
     surface = _sample_inverse_depth(images.inverse_depth, u_depth, v_depth, images.depth_noise)
     pixels = u_color, v_color, v_depth
-    _fill_samples(pixels, inverse_z, brightness, surface, points, images, samples)
+    _fill_samples(pixels, inverse_z, brightness, surface, points.position_m[2], images, samples)
     if images.vignetting != 0.0:
         _correct_vignetting(images.vignetting, points, images.depth_intrinsics, samples)
 
@@ -147,7 +147,7 @@ def _fill_samples(
     inverse_z: Array,
     brightness: Array,
     surface: Array,
-    points: Points,
+    z_keyframe: Array,
     images: LevelImages,
     samples: Samples,
 ) -> None:
@@ -158,7 +158,7 @@ def _fill_samples(
         inverse_z: (N,) 1/z of the points, 1/m.
         brightness: (N,) of the frame; -1 outside.
         surface: (N,) 1/z of the frame, 1/m; 0 without a reading.
-        points: Of a keyframe level.
+        z_keyframe: (N,) of the points in the keyframe's axes, m.
         images: The frame, for its size and noise.
         samples: Of the points, out.
     """
@@ -168,7 +168,6 @@ def _fill_samples(
     u_color, v_color, v_depth = pixels
     # Fields of a tuple cost time in a loop.
     sampled, residuals, cells, color_bands, depth_bands, us, vs, occlusions = samples
-    z_keyframe = points.position_m[2]
     for n in range(len(inverse_z)):
         u, v, w_point, w = u_color[n], v_color[n], inverse_z[n], surface[n]
         in_image = (brightness[n] >= 0.0) & (w_point > 0.0) & (w_point <= 1.0 / MIN_DEPTH_M)

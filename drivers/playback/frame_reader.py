@@ -1,6 +1,8 @@
 """The frames of a recording: registered, undistorted and with all that is known of them."""
 
 import time
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
 
 from drivers.camera import RgbdFrame
 from drivers.plausibility import PlausibilityCheck
@@ -45,16 +47,18 @@ class FrameReader:
             timing_prior=rectifier.timing_prior,
         )
 
+    def read_sample(self, numbers: Iterable[int]) -> Iterator[RgbdFrame]:
+        """Yield the frames with these numbers, without those that cannot be read.
+
+        Whoever reads all frames reports these.
+        """
+        for number in numbers:
+            with suppress(UnreadableFrameError):
+                yield self.read(self._recording.frames.pairs[number], number)
+
 
 def log_implausible(recording: Recording) -> None:
     """Log what is implausible in the first, the middle and the last frame of a recording."""
-    check, reader, pairs = (
-        PlausibilityCheck(recording),
-        FrameReader(recording),
-        recording.frames.pairs,
-    )
-    for index in sorted({0, len(pairs) // 2, len(pairs) - 1}):
-        try:
-            check.examine(reader.read(pairs[index], index))
-        except UnreadableFrameError:  # whoever reads all frames reports it
-            continue
+    check, count = PlausibilityCheck(recording), len(recording.frames.pairs)
+    for frame in FrameReader(recording).read_sample(sorted({0, count // 2, count - 1})):
+        check.examine(frame)

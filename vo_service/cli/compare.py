@@ -19,6 +19,7 @@ from vo_service.cli.options import (
     parse_seconds,
 )
 from vo_service.cli.request import CommandRequest, argument, flag, option
+from vo_service.config import Config, OdometryConfig
 from vo_service.odometry.registry import METHODS
 from vo_service.signals import stop_on_signals
 from vo_service.terminal import Terminal
@@ -136,6 +137,11 @@ class ComparisonRequest(CommandRequest):
     force: bool = flag("re-run cached results")
     json: bool = flag("print report.json, nothing else")
 
+    @property
+    def method_names(self) -> tuple[str, ...]:
+        """The methods, each once."""
+        return METHOD_NAMES if ALL_METHODS in self.methods else tuple(dict.fromkeys(self.methods))
+
 
 def run(request: ComparisonRequest) -> int:
     """Run the methods, print each recording's tables as they finish, and write the report.
@@ -145,31 +151,9 @@ def run(request: ComparisonRequest) -> int:
             written.
     """
     config = load_config(request.config, request)
-    names = (
-        METHOD_NAMES if ALL_METHODS in request.methods else tuple(dict.fromkeys(request.methods))
-    )
-    unavailable = find_unavailable_methods(names)
-    vocabulary = read_vocabulary_file(request.orb_vocabulary) if request.orb_vocabulary else None
-    scale = SfmScale(request.sfm_scale)
-    factories = make_method_factories(names, unavailable, config.odometry, scale, vocabulary)
-    _check_reference_method(request.against, factories, unavailable)
-    metadata = ReportMetadata(
-        methods=list(factories),
-        odometry=config.odometry,
-        time_limit_s=request.time_limit,
-        unavailable=unavailable,
-        reference_method=request.against,
-        frame_steps=list(dict.fromkeys(request.every)),
-        max_frames=request.frames,
-        sfm_scale=scale,
-        orb_vocabulary=str(factories[ORB_SLAM3].settings["vocabulary"])
-        if ORB_SLAM3 in factories
-        else None,
-        camera_file=config.camera.file,
-        observer_factory=LoopClosureObserverFactory(config.map)
-        if request.loop_closure
-        else NULL_OBSERVER,
-    )
+    unavailable = find_unavailable_methods(request.method_names)
+    factories = _make_factories(request, config.odometry, unavailable)
+    metadata = _make_metadata(request, config, factories, unavailable)
     recordings = [
         whole.select(FrameSelection(every, request.frames))
         for whole in open_recordings(request.folders, metadata.camera_file, request.topics)
@@ -177,9 +161,13 @@ def run(request: ComparisonRequest) -> int:
     ]
     _check_ground_truth(recordings, factories)
     create_output_folder(request.output)
-    runs = request.output / "runs"
     plan = BatchPlan(
-        recordings, factories, runs, request.time_limit, request.force, metadata.observer_factory
+        recordings,
+        factories,
+        request.output / "runs",
+        request.time_limit,
+        request.force,
+        metadata.observer_factory,
     )
     terminal, results = Terminal(), []
     with stop_on_signals() as stop:
@@ -196,6 +184,41 @@ def run(request: ComparisonRequest) -> int:
     all_done = all(judged.is_done for result in results for judged in result.evaluations.values())
     has_motion = [_has_motion(result) for result in results]  # logs each that has none
     return stop.exit_code or (0 if all_done and all(has_motion) else 1)
+
+
+def _make_factories(
+    request: ComparisonRequest, odometry: OdometryConfig, unavailable: Sequence[UnavailableMethods]
+) -> Mapping[str, MethodFactory]:
+    """Make the methods; raise InputError if the vocabulary or the reference is not valid."""
+    vocabulary = read_vocabulary_file(request.orb_vocabulary) if request.orb_vocabulary else None
+    factories = make_method_factories(
+        request.method_names, unavailable, odometry, SfmScale(request.sfm_scale), vocabulary
+    )
+    _check_reference_method(request.against, factories, unavailable)
+    return factories
+
+
+def _make_metadata(
+    request: ComparisonRequest,
+    config: Config,
+    factories: Mapping[str, MethodFactory],
+    unavailable: Sequence[UnavailableMethods],
+) -> ReportMetadata:
+    orb_slam = factories.get(ORB_SLAM3)
+    closes_loops = request.loop_closure
+    return ReportMetadata(
+        methods=list(factories),
+        odometry=config.odometry,
+        time_limit_s=request.time_limit,
+        unavailable=unavailable,
+        reference_method=request.against,
+        frame_steps=list(dict.fromkeys(request.every)),
+        max_frames=request.frames,
+        sfm_scale=SfmScale(request.sfm_scale),
+        orb_vocabulary=str(orb_slam.settings["vocabulary"]) if orb_slam else None,
+        camera_file=config.camera.file,
+        observer_factory=LoopClosureObserverFactory(config.map) if closes_loops else NULL_OBSERVER,
+    )
 
 
 def _has_motion(result: SequenceResults) -> bool:

@@ -152,35 +152,12 @@ def test_with_loop_closure_each_method_has_additional_figures(
     assert len(optimized.read_text().splitlines()) == FRAMES
 
 
-@pytest.mark.usefixtures("no_figures")
-def test_without_truth_coverage_and_cost_are_reported(
-    copy_recording: CopyRecording,
-    tmp_path: Path,
-    kinect_vo: KinectVo,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(compare, "make_method_factories", make_faulty_factories(surf="lose it"))
-    folder = copy_recording()
-    (folder / "groundtruth.txt").unlink()
-    options = ("--methods", "surf", "--output", tmp_path / "out", "--json")
-    done = kinect_vo("compare", folder, *options)
-    assert (done.code, done.error_lines) == (0, "")
-    surf = json.loads(done.out)["sequences"][0]["methods"]["surf"]
-    assert (surf["coverage"], surf["failed"], surf["ate_rmse_m"]) == (0.25, 9, None)
-    assert surf["no_evaluation"] == "there is no groundtruth.txt"
-    assert surf["gross_errors"] is None
-    assert surf["cpu_ms_mean"] > 0
-    assert surf["memory_mb"] > 10
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         (["corner", "corner"], "names are equal; rename one folder"),
         (["corner", "--output", "file/out"], "file/out: cannot be written: Not a directory"),
-        (["corner", "--methods", "magic"], "invalid choice: 'magic'"),
         (["corner", "--time-limit", "0"], "0 is not a duration: give seconds, more than 0"),
-        (["corner", "--every", "1", "x"], "x is not a count: give a whole number, 1 or more"),
         (["corner", "--frames", "-3"], "-3 is not a count"),
         (["corner", "--methods", "surf", "--against", "orb"], "--against orb: it is not among"),
     ],

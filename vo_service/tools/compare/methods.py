@@ -12,7 +12,7 @@ from drivers.core import InputError
 from drivers.core.geometry import Trajectory, has_match
 from drivers.recording.recording import Recording
 from vo_service.config import OdometryConfig
-from vo_service.odometry.registry import METHODS, MethodConfig
+from vo_service.odometry.registry import METHODS
 from vo_service.odometry.warm_up import warm_up
 from vo_service.tools.compare.baselines.orb_slam import OrbSlamFactory
 from vo_service.tools.compare.baselines.orb_vocabulary import VocabularyFile
@@ -169,7 +169,7 @@ def make_method_factories(
             return ConfiguredMethodFactory(replace(odometry, method=name))
         if name == ORB_SLAM3:
             return OrbSlamFactory(odometry.feature_count, orb_vocabulary)
-        return BaselineFactory(name, MethodConfig(odometry.feature_count, odometry.upright))
+        return BaselineFactory(name, odometry.feature_count)
 
     absent = {name for entry in unavailable for name in entry.methods}
     factories = {name: make_factory(name) for name in names if name not in absent}

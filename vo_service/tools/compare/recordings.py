@@ -125,11 +125,7 @@ class BenchmarkRecording:
 def open_recordings(
     folders: Sequence[Path], camera_file: Path | None, topics: ImageTopics | None = None
 ) -> list[BenchmarkRecording]:
-    """Check and open recordings before long runs.
-
-    Args:
-        camera_file: As for `open_recording`.
-        topics: As for `open_recording`.
+    """Check and open recordings as `open_recording` does, before long runs.
 
     Raises:
         InputError: A folder is not usable, or two folders have the same name.

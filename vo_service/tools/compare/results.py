@@ -7,8 +7,6 @@ from dataclasses import dataclass, replace
 from itertools import islice
 from typing import Any
 
-import numpy as np
-
 from drivers.core import InputError
 from vo_service.tools.compare.batch import BatchResult
 from vo_service.tools.compare.recordings import BenchmarkRecording
@@ -77,7 +75,7 @@ class RunEvaluation:
     def lost_reasons(self) -> list[tuple[str, int]]:
         """Reasons for lost frames and their counts; numbers in the reasons are replaced by #."""
         frames = self.outcome.run.frames
-        reasons = (frames.reasons[k] for k in np.flatnonzero(~frames.has_pose))
+        reasons = frames["reason"][~frames["has_pose"]]
         return Counter(re.sub(r"\d+(\.\d+)?", "#", reason) for reason in reasons).most_common()
 
     def as_json(self) -> dict[str, Any]:
@@ -110,7 +108,8 @@ def evaluate_run(batch_result: BatchResult) -> RunEvaluation:
         return RunEvaluation(batch_result, no_evaluation_reason="the run has no result")
     frames = run.frames
     gap_outcomes = tuple(
-        classify_gap(gap, frames.stamps_s, frames.has_pose, frames.epochs) for gap in recording.gaps
+        classify_gap(gap, frames["stamp_s"], frames["has_pose"], frames["epoch"])
+        for gap in recording.gaps
     )
     without_truth = RunEvaluation(
         batch_result,
@@ -136,8 +135,8 @@ def _with_ground_truth(
     matched = associate(run.trajectory, recording.truth)
     pairs = consecutive_pairs(matched)
     steps_m = relative_errors(matched, pairs).translation_m
-    has_pose = run.frames.has_pose
-    steps = tracked_steps(matched, run.trajectory.stamps_s, run.frames.epochs[has_pose])
+    epochs = run.frames["epoch"][run.frames["has_pose"]]
+    steps = tracked_steps(matched, run.trajectory.stamps_s, epochs)
     optimized = None
     if run.loop_closure is not None:
         optimized = evaluate_if_possible(
@@ -199,11 +198,7 @@ class SequenceResults:
 def collect_results(
     batch_results: Iterator[BatchResult], method_count: int, reference_method: str | None = None
 ) -> Iterator[SequenceResults]:
-    """Yield the evaluated runs of each recording as soon as its last run has ended.
-
-    Args:
-        reference_method: Baseline for relative figures; None without.
-    """
+    """Yield the evaluated runs of each recording as soon as its last run has ended."""
     while results := list(islice(batch_results, method_count)):
         evaluations = {result.method: evaluate_run(result) for result in results}
         yield SequenceResults(results[0].recording, evaluations, reference_method)

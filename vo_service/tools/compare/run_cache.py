@@ -19,6 +19,7 @@ from vo_service.tools.compare.observers import NULL_OBSERVER, ObserverFactory
 from vo_service.tools.compare.recordings import BenchmarkRecording
 from vo_service.tools.compare.run_outcome import (
     EMPTY_RUN,
+    FRAME_COLUMNS,
     CompletedRun,
     FrameLog,
     LoopClosureRun,
@@ -30,7 +31,6 @@ SCHEMA = 1
 RESULT_FILE, FRAMES_FILE, DETAILS_FILE = "result.json", "frames.csv", "error.txt"
 TRAJECTORY_FILE, OPTIMIZED_TRAJECTORY_FILE = "trajectory.txt", "trajectory_optimized.txt"
 FILES = (RESULT_FILE, FRAMES_FILE, DETAILS_FILE, TRAJECTORY_FILE, OPTIMIZED_TRAJECTORY_FILE)
-FRAME_COLUMNS = ("stamp_s", "has_pose", "epoch", "inliers", "cpu_ms", "wall_ms", "reason")
 
 
 def make_cache_key(
@@ -127,7 +127,7 @@ class RunCache:
 
     def _load_run(self, result: Mapping[str, Any]) -> CompletedRun:
         frames = _read_frames((self.path / FRAMES_FILE).read_text())
-        poses_s = frames.stamps_s[frames.has_pose]
+        poses_s = frames["stamp_s"][frames["has_pose"]]
         trajectory = self._load_trajectory(TRAJECTORY_FILE, len(poses_s))
         if len(frames) != result["frames"] or not np.array_equal(poses_s, trajectory.stamps_s):
             raise ValueError("the files belong to different runs")
@@ -184,27 +184,16 @@ def loop_closure_as_json(loop_closure: LoopClosureRun | None) -> dict[str, objec
 def _format_frames(frames: FrameLog) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(FRAME_COLUMNS)
-    for k in range(len(frames)):
-        state = int(frames.has_pose[k]), int(frames.epochs[k]), int(frames.inliers[k])
-        times = f"{frames.cpu_ms[k]:.4f}", f"{frames.wall_ms[k]:.4f}"
-        writer.writerow((f"{frames.stamps_s[k]:.6f}", *state, *times, frames.reasons[k]))
+    writer.writerow(FRAME_COLUMNS.names or ())
+    for stamp_s, has_pose, epoch, inliers, cpu_ms, wall_ms, reason in frames.tolist():
+        times = f"{cpu_ms:.4f}", f"{wall_ms:.4f}"
+        writer.writerow((f"{stamp_s:.6f}", int(has_pose), epoch, inliers, *times, reason))
     return text.getvalue()
 
 
 def _read_frames(text: str) -> FrameLog:
-    rows = list(csv.DictReader(io.StringIO(text)))
-    return FrameLog.from_rows(
-        [
-            (
-                float(row["stamp_s"]),
-                row["has_pose"] == "1",
-                int(row["epoch"]),
-                int(row["inliers"]),
-                float(row["cpu_ms"]),
-                float(row["wall_ms"]),
-                row["reason"],
-            )
-            for row in rows
-        ]
-    )
+    header, *rows = csv.reader(io.StringIO(text))
+    if tuple(header) != FRAME_COLUMNS.names:
+        raise ValueError("a file of other columns")
+    numbers = [(stamp, int(has_pose), *others) for stamp, has_pose, *others in rows]
+    return np.array(numbers, FRAME_COLUMNS)

@@ -7,7 +7,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.core.geometry import Array, Trajectory
+from drivers.core.geometry import Trajectory
 from vo_service.types.failure_reasons import FailureReasons
 
 
@@ -22,44 +22,20 @@ class RunState(StrEnum):
     NOT_RUN = "not run"  # the program was stopped earlier
 
 
-@dataclass(frozen=True)
-class FrameLog:
-    """Results of F frames, in order of time.
-
-    Attributes:
-        stamps_s: (F,) recorded stamps.
-        has_pose: (F,) whether the frame has a pose.
-        epochs: (F,) number of discontinuities of the pose so far.
-        inliers: (F,) inliers of the estimate.
-        cpu_ms: (F,) processor time of the estimate, without reading and decoding.
-        wall_ms: (F,) elapsed time of the same.
-        reasons: (F,) why there is no pose, or why the pose is degraded; else "".
-    """
-
-    stamps_s: Array
-    has_pose: NDArray[np.bool_]
-    epochs: NDArray[np.int64]
-    inliers: NDArray[np.int64]
-    cpu_ms: Array
-    wall_ms: Array
-    reasons: tuple[str, ...]
-
-    def __len__(self) -> int:
-        return len(self.stamps_s)
-
-    @classmethod
-    def from_rows(cls, rows: list[tuple[float, bool, int, int, float, float, str]]) -> "FrameLog":
-        """Make it from one row per frame, with the fields in order."""
-        columns = list(zip(*rows, strict=True)) if rows else [()] * 7
-        return cls(
-            np.array(columns[0], np.float64),
-            np.array(columns[1], np.bool_),
-            np.array(columns[2], np.int64),
-            np.array(columns[3], np.int64),
-            np.array(columns[4], np.float64),
-            np.array(columns[5], np.float64),
-            tuple(map(str, columns[6])),
-        )
+# Columns of the results of frames.
+FRAME_COLUMNS = np.dtype(
+    [
+        ("stamp_s", np.float64),  # as recorded
+        ("has_pose", np.bool_),
+        ("epoch", np.int64),  # number of discontinuities of the pose so far
+        ("inliers", np.int64),
+        ("cpu_ms", np.float64),  # processor time of the estimate, without reading and decoding
+        ("wall_ms", np.float64),  # elapsed time of the same
+        ("reason", np.object_),  # why there is no pose, or why the pose is degraded; else ""
+    ]
+)
+# One row per frame, in order of time.
+FrameLog = NDArray[np.void]
 
 
 @dataclass(frozen=True)
@@ -102,33 +78,33 @@ class CompletedRun:
     @property
     def cpu_s(self) -> float:
         """Total processor time of all frames, s."""
-        return float(self.frames.cpu_ms.sum()) / 1e3
+        return float(self.frames["cpu_ms"].sum()) / 1e3
 
     @property
     def wall_s(self) -> float:
         """Total elapsed time of all frames, s."""
-        return float(self.frames.wall_ms.sum()) / 1e3
+        return float(self.frames["wall_ms"].sum()) / 1e3
 
     @property
     def failed(self) -> int:
         """Number of frames without a pose."""
-        return int(np.count_nonzero(~self.frames.has_pose))
+        return int(np.count_nonzero(~self.frames["has_pose"]))
 
     @property
     def no_motion_reason(self) -> str:
         """See `FailureReasons`."""
         reasons = FailureReasons()
-        for has_pose, reason in zip(self.frames.has_pose, self.frames.reasons, strict=True):
-            reasons.add(bool(has_pose), reason)
+        for has_pose, reason in self.frames[["has_pose", "reason"]].tolist():
+            reasons.add(has_pose, reason)
         return reasons.no_motion_reason
 
     @property
     def new_epochs(self) -> int:
         """Number of discontinuities of the pose."""
-        return int(self.frames.epochs[-1]) if len(self.frames) else 0
+        return int(self.frames["epoch"][-1]) if len(self.frames) else 0
 
 
-EMPTY_RUN = CompletedRun(FrameLog.from_rows([]), Trajectory(np.empty(0), np.empty((0, 4, 4))))
+EMPTY_RUN = CompletedRun(np.empty(0, FRAME_COLUMNS), Trajectory(np.empty(0), np.empty((0, 4, 4))))
 
 
 @dataclass(frozen=True)

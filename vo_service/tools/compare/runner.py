@@ -30,7 +30,7 @@ from vo_service.tools.compare.batch import (
     RunRequest,
 )
 from vo_service.tools.compare.methods import MethodFactory
-from vo_service.tools.compare.run_outcome import CompletedRun, FrameLog, LoopClosureRun
+from vo_service.tools.compare.run_outcome import FRAME_COLUMNS, CompletedRun, LoopClosureRun
 from vo_service.types.estimate import Estimate
 
 logger = logging.getLogger(__name__)
@@ -46,8 +46,7 @@ class RunRecorder:
     """Recorder with one row per frame."""
 
     def __init__(self) -> None:
-        self._rows: list[tuple[float, bool, int, int, float, float, str]] = []
-        self._stamps_s: list[float] = []
+        self._rows: list[tuple[object, ...]] = []
         self._poses: list[np.ndarray] = []
         self._epoch = 0
         self._stages_ms: defaultdict[str, list[float]] = defaultdict(list)
@@ -63,19 +62,12 @@ class RunRecorder:
         wall_s: float,
         stages_ms: Mapping[str, float],
     ) -> None:
-        """Add the result of a frame and its times.
-
-        Args:
-            cpu_s: Processor time of the estimate, s.
-            wall_s: Elapsed time of the estimate, s.
-            stages_ms: Processor time by stage, ms.
-        """
+        """Add the result of a frame, and its processor time, elapsed time and times by stage."""
         self._epoch += estimate.is_reset
         times_ms = 1e3 * cpu_s, 1e3 * wall_s
         state = frame.stamp_s, estimate.ok, self._epoch, estimate.inliers
         self._rows.append((*state, *times_ms, estimate.reason))
         if estimate.ok:
-            self._stamps_s.append(frame.stamp_s)
             self._poses.append(estimate.T_world_camera)
         for stage, time_ms in stages_ms.items():
             self._stages_ms[stage].append(time_ms)
@@ -89,9 +81,10 @@ class RunRecorder:
         poses = np.array(self._poses, np.float64).reshape(-1, 4, 4)
         if not np.isfinite(poses).all():
             raise UserFacingError("a pose is not finite; this is an error of the method, report it")
+        frames = np.array(self._rows, FRAME_COLUMNS)
         return CompletedRun(
-            frames=FrameLog.from_rows(self._rows),
-            trajectory=Trajectory(np.array(self._stamps_s), poses),
+            frames=frames,
+            trajectory=Trajectory(frames["stamp_s"][frames["has_pose"]], poses),
             skipped=skipped,
             stage_ms={stage: median(times_ms) for stage, times_ms in self._stages_ms.items()},
             memory_mb=peak_memory_mb(),
@@ -151,12 +144,9 @@ def warm_up_method(
     factory.prepare(on_progress)
     on_progress("first frames")
     odometry = factory.make(CpuStageTimer(), recording)
-    reader = FrameReader(recording)
-    for seq, pair in enumerate(recording.frames.pairs[:WARM_UP_FRAMES]):
-        try:
-            odometry.estimate(reader.read(pair, seq))
-        except UnreadableFrameError:  # will be reported in the run
-            continue
+    count = min(WARM_UP_FRAMES, len(recording.frames.pairs))
+    for frame in FrameReader(recording).read_sample(range(count)):
+        odometry.estimate(frame)
 
 
 def _read_frames(recording: Recording) -> Iterator[RgbdFrame]:

@@ -15,8 +15,8 @@ from vo_service.tools.compare.batch import BatchResult
 from vo_service.tools.compare.recordings import BenchmarkRecording
 from vo_service.tools.compare.results import SequenceResults, evaluate_run
 from vo_service.tools.compare.run_outcome import (
+    FRAME_COLUMNS,
     CompletedRun,
-    FrameLog,
     LoopClosureRun,
     RunOutcome,
     RunState,
@@ -59,14 +59,17 @@ def make_run(
     """Make a run along x, with 8 ms of processor time and 10 ms of elapsed time per frame."""
     stamps_s = recording.frame_stamps_s
     has_pose = np.array([k not in lost for k in range(FRAMES)])
-    rows = [
-        (stamps_s[k], bool(has_pose[k]), int(k >= epoch_from), 100, 8.0, 10.0, "")
-        if has_pose[k]
-        else (stamps_s[k], False, int(k >= epoch_from), 4, 8.0, 10.0, f"{k} of 60 matches agree")
-        for k in range(FRAMES)
-    ]
+    frames = np.array(
+        [
+            (stamps_s[k], True, k >= epoch_from, 100, 8.0, 10.0, "")
+            if has_pose[k]
+            else (stamps_s[k], False, k >= epoch_from, 4, 8.0, 10.0, f"{k} of 60 matches agree")
+            for k in range(FRAMES)
+        ],
+        FRAME_COLUMNS,
+    )
     poses = Trajectory(stamps_s[has_pose], poses_along_x(FRAMES, step_m)[has_pose])
-    return CompletedRun(FrameLog.from_rows(rows), poses, 0, {"surf": 5.0}, 100.0, loop_closure)
+    return CompletedRun(frames, poses, 0, {"surf": 5.0}, 100.0, loop_closure)
 
 
 def make_loop_closure_run(recording: BenchmarkRecording, step_m: float = STEP_M) -> LoopClosureRun:

@@ -3,12 +3,10 @@
 import os
 import threading
 from collections.abc import Callable, Mapping
-from functools import partial
 from pathlib import Path
 
 import pytest
 
-from tests.conftest import FRAMES
 from tests.vo_service.captured_terminal import CapturedTerminal
 from tests.vo_service.tools.compare.faulty_methods import FaultyMethodFactory
 from vo_service.config import OdometryConfig
@@ -36,14 +34,13 @@ def run_all(
     factories: Mapping[str, MethodFactory],
     stopped: bool = False,
     force: bool = False,
-    observer: ObserverFactory = NULL_OBSERVER,
 ) -> tuple[list[BatchResult], str]:
     """Run a batch and return the results and the terminal's output."""
     screen = CapturedTerminal()
     stop = threading.Event()
     if stopped:
         stop.set()
-    plan = BatchPlan(open_recordings([folder], None), factories, output, LIMIT_S, force, observer)
+    plan = BatchPlan(open_recordings([folder], None), factories, output, LIMIT_S, force)
     return list(run_batch(plan, Terminal(screen), stop)), screen.getvalue()
 
 
@@ -128,26 +125,6 @@ def test_runs_with_and_without_loop_closure_have_different_keys(recording: Path)
     default, smaller, disabled = (key_with(LoopClosureObserverFactory(c)) for c in configs)
     assert len({key_with(NULL_OBSERVER), default, smaller}) == 3
     assert disabled == default
-
-
-@pytest.mark.subprocess
-@pytest.mark.usefixtures("forked_runs")
-def test_a_run_with_loop_closure_is_cached_with_it(recording: Path, tmp_path: Path) -> None:
-    run = partial(run_all, recording, tmp_path, {"trial": FaultyMethodFactory()})
-    observer = LoopClosureObserverFactory(MapConfig())
-    (first,), _ = run(observer=observer)
-    (cached,), output_text = run(observer=observer)
-    assert "cached" in output_text
-    found, expected = (each.outcome.run.loop_closure for each in (cached, first))
-    assert found is not None
-    assert expected is not None
-    assert (found.map_keyframes, found.loop_closures) == (1, 0)
-    assert found.cpu_ms_per_frame == expected.cpu_ms_per_frame
-    assert len(found.trajectory) == FRAMES
-    (without,), output_text = run()
-    assert "starting" in output_text
-    assert without.outcome.run.loop_closure is None
-    assert (cached.has_loop_closure, without.has_loop_closure) == (True, False)
 
 
 def test_the_truth_is_in_the_key_only_if_it_is_used(copy_recording: CopyRecording) -> None:

@@ -11,12 +11,11 @@ from drivers.core.geometry import Trajectory
 from tests.vo_service.tools.compare.sample_runs import make_recording
 from tests.vo_service.tools.evaluation.sample_trajectories import moving_along_x
 from vo_service.config import OdometryConfig
-from vo_service.odometry.registry import METHODS, MethodConfig
+from vo_service.odometry.registry import METHODS
 from vo_service.odometry.sfm.odometry import SfmOdometry
 from vo_service.odometry.surf.odometry import SurfOdometry
 from vo_service.tools.compare.baselines.registry import (
     BASELINES,
-    OPENCV,
     ORB_SLAM3,
     BaselineFactory,
     BaselinePackage,
@@ -25,7 +24,6 @@ from vo_service.tools.compare.methods import (
     METHOD_NAMES,
     ConfiguredMethodFactory,
     GroundTruthDistance,
-    MethodFactory,
     SfmScale,
     TrueScaleSfmFactory,
     find_unavailable_methods,
@@ -50,7 +48,7 @@ def test_our_methods_come_first_and_then_the_baselines() -> None:
     odometry = OdometryConfig(feature_count=500)
     factories = make_method_factories(["orb", "icp"], [], odometry)
     assert list(factories) == ["orb", "icp"]
-    assert factories["orb"] == BaselineFactory("orb", MethodConfig(500))
+    assert factories["orb"] == BaselineFactory("orb", 500)
     assert factories["icp"] == ConfiguredMethodFactory(OdometryConfig("icp", feature_count=500))
 
 
@@ -61,6 +59,7 @@ def test_methods_of_a_missing_package_are_unavailable_with_one_note() -> None:
     assert str(unavailable) == (
         "not available: open3d-icp, open3d-hybrid; run: pip install nobodys-odometry"
     )
+    assert unavailable.package.version == ""
     assert list(make_method_factories(names, [unavailable], OdometryConfig())) == ["surf", "sift"]
 
 
@@ -71,25 +70,11 @@ def test_without_any_method_the_error_names_the_install_command() -> None:
         make_method_factories(["open3d-icp"], unavailable, OdometryConfig())
 
 
-def test_a_package_has_its_version_if_installed() -> None:
-    assert OPENCV.version.startswith("5")
-    assert MISSING_PACKAGE.version == ""
-
-
-def make_factory(method: str, scale: SfmScale = SfmScale.FIRST_DEPTH) -> MethodFactory:
-    return make_method_factories([method], [], OdometryConfig(), scale)[method]
-
-
-def test_every_method_is_made_as_in_the_service() -> None:
-    surf = make_factory("surf")
-    assert surf == ConfiguredMethodFactory(OdometryConfig(method="surf"))
-    assert isinstance(surf.make(NullStageTimer(), make_recording().contents), SurfOdometry)
-    assert not surf.uses_truth
-
-
 def test_the_scale_of_sfm_alone_comes_from_the_truth() -> None:
-    sfm, surf = (make_factory(method, SfmScale.GROUND_TRUTH) for method in ("sfm", "surf"))
+    factories = make_method_factories(["sfm", "surf"], [], OdometryConfig(), SfmScale.GROUND_TRUTH)
+    sfm, surf = factories["sfm"], factories["surf"]
     assert (sfm.uses_truth, surf.uses_truth) == (True, False)
+    assert isinstance(surf.make(NullStageTimer(), make_recording().contents), SurfOdometry)
     assert pickle.loads(pickle.dumps(sfm)) == sfm == TrueScaleSfmFactory(OdometryConfig("sfm"))
     assert sfm.settings["sfm_scale"] == "ground-truth"
     assert isinstance(sfm.make(NullStageTimer(), make_recording().contents), SfmOdometry)

@@ -1,18 +1,14 @@
 """Runs on a selection of a recording's frames."""
 
-import threading
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from drivers.core import InputError
-from tests.conftest import FRAMES
 from tests.drivers.bag.bag_maker import BagWriter
 from tests.drivers.bag.test_bag import make_bag, write_frame
-from tests.vo_service.tools.compare.faulty_methods import FaultyMethodFactory
 from tests.vo_service.tools.compare.sample_runs import make_recording
-from vo_service.tools.compare.batch import RunProgress, RunRequest, run_in_subprocess
 from vo_service.tools.compare.recordings import ALL_FRAMES, FrameSelection, open_recordings
 
 
@@ -49,15 +45,3 @@ def test_a_recording_whose_clock_was_set_back_is_refused(tmp_path: Path) -> None
     path = make_bag(tmp_path / "jump.bag", fill, "bag", count=40)
     with pytest.raises(InputError, match="its clock was set back, so methods cannot be compared"):
         open_recordings([path], None)
-
-
-@pytest.mark.subprocess
-def test_the_method_gets_the_selected_frames_only(recording: Path) -> None:
-    selection = FrameSelection(step=2, max_frames=9)
-    expected_s = open_recordings([recording], None)[0].select(selection).frame_stamps_s
-    messages: list[object] = []
-    request = RunRequest(recording, None, FaultyMethodFactory(), selection)
-    outcome = run_in_subprocess(request, 60.0, messages.append, threading.Event())
-    np.testing.assert_array_equal(outcome.run.frames.stamps_s, expected_s)
-    assert len(expected_s) == 5 < FRAMES
-    assert RunProgress(1, 5) in messages

@@ -52,7 +52,8 @@ def test_a_gap_is_listed_with_the_result_of_the_method() -> None:
 
 def test_the_reason_for_a_degraded_pose_is_not_one_for_a_lost_frame() -> None:
     outcome = make_outcome(make_recording(), lost=range(20, 24))
-    frames = replace(outcome.run.frames, reasons=("no texture",) * 20 + ("lost at 3",) * 20)
+    frames = outcome.run.frames.copy()
+    frames["reason"] = ["no texture"] * 20 + ["lost at 3"] * 20
     degraded = replace(outcome, run=replace(outcome.run, frames=frames))
     judged = evaluate_run(BatchResult(make_recording(), "direct", degraded))
     assert judged.lost_reasons == [("lost at #", 4)]
@@ -66,6 +67,13 @@ def test_a_run_with_too_few_poses_has_a_reason_for_no_evaluation() -> None:
     assert few.no_evaluation_reason.startswith(
         "2 of 2 poses have ground truth within 20 ms, 3 are needed"
     )
+
+
+def test_without_a_truth_coverage_and_times_are_known() -> None:
+    bare = evaluate_outcome(make_recording(has_truth=False), lost=range(10, FRAMES))
+    assert (bare.coverage, bare.evaluation, bare.gross_errors) == (0.25, None, None)
+    assert bare.no_evaluation_reason == "there is no groundtruth.txt"
+    assert bare.as_json()["cpu_s"] == 0.32
 
 
 def test_an_optimized_trajectory_is_evaluated_beside_the_methods_own() -> None:

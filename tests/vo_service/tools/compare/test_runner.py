@@ -78,7 +78,9 @@ def test_a_method_warms_up_on_the_first_frames_and_is_made_again(recording: Path
     assert (len(run.frames), run.skipped) == (FRAMES, 0)
 
 
-def test_a_broken_frame_at_the_start_is_skipped_once(copy_recording: Callable[..., Path]) -> None:
+def test_a_broken_frame_at_the_start_is_skipped_and_logged_once(
+    copy_recording: Callable[..., Path], caplog: pytest.LogCaptureFixture
+) -> None:
     folder = copy_recording()
     second = sorted((folder / "depth").iterdir())[1]
     os.truncate(second, 500)
@@ -86,6 +88,7 @@ def test_a_broken_frame_at_the_start_is_skipped_once(copy_recording: Callable[..
     run = run_all(folder, factory)
     assert factory.frames == [[0, 2], [0, *range(2, FRAMES)]]
     assert (len(run.frames), run.skipped) == (FRAMES - 1, 1)
+    assert caplog.text.count(f"frame 1 is skipped: {second}") == 1
 
 
 @pytest.mark.slow
@@ -130,4 +133,4 @@ def _use_cpu_in_a_thread() -> None:
 
 def test_the_time_of_a_methods_own_threads_counts(recording: Path) -> None:
     run = run_all(recording, RecordingFactory(_use_cpu_in_a_thread), max_frames=2)
-    assert run.frames.cpu_ms.min() >= 1e3 * BUSY_S
+    assert run.frames["cpu_ms"].min() >= 1e3 * BUSY_S

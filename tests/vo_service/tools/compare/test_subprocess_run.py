@@ -2,7 +2,6 @@
 
 import os
 import threading
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -43,10 +42,10 @@ def test_a_complete_run_has_every_frame_with_its_times(recording: Path) -> None:
     frames = outcome.run.frames
     assert (outcome.state, outcome.error, len(frames)) == (RunState.DONE, "", FRAMES)
     truth = read_trajectory(recording / "groundtruth.txt")
-    np.testing.assert_allclose(frames.stamps_s, truth.stamps_s, atol=1e-6)
-    np.testing.assert_array_equal(frames.inliers, 50)
-    assert np.all(frames.wall_ms > 0)
-    assert np.all(frames.cpu_ms >= 0)
+    np.testing.assert_allclose(frames["stamp_s"], truth.stamps_s, atol=1e-6)
+    np.testing.assert_array_equal(frames["inliers"], 50)
+    assert np.all(frames["wall_ms"] > 0)
+    assert np.all(frames["cpu_ms"] >= 0)
     assert list(outcome.run.stage_ms) == ["static"]
     assert outcome.run.memory_mb > 10
     assert messages[0] == RunPreparing("nothing")
@@ -102,15 +101,3 @@ def test_a_run_that_takes_too_long_is_killed(recording: Path) -> None:
         RunState.TIMED_OUT,
         "took longer than 1 s (--time-limit)",
     )
-
-
-@pytest.mark.usefixtures("forked_runs")
-def test_an_unreadable_frame_is_in_our_log(
-    copy_recording: Callable[..., Path], caplog: pytest.LogCaptureFixture
-) -> None:
-    folder = copy_recording()
-    damaged = folder / "rgb" / "0.200000.png"
-    os.truncate(damaged, 500)
-    outcome = run_faulty_method(folder, "go on")
-    assert (len(outcome.run.frames), outcome.run.skipped) == (FRAMES - 1, 1)
-    assert f"frame 6 is skipped: {damaged}" in caplog.text

@@ -41,11 +41,7 @@ class PairwiseMethod(Protocol):
         ...
 
     def align(self, earlier: Any, later: Any, T_earlier_later: Array) -> Array | None:
-        """Return the 4x4 T_earlier_later from a predicted one, or None on failure.
-
-        Args:
-            T_earlier_later: (4, 4) predicted motion.
-        """
+        """Return the 4x4 T_earlier_later from a predicted one, or None on failure."""
         ...
 
 
@@ -255,12 +251,7 @@ class OpenCvExtractor:
     def __init__(
         self, create: Callable[[int], cv2.Feature2D], count: int, binary: bool = False
     ) -> None:
-        """Set the method.
-
-        Args:
-            create: Makes a detector with a maximum number of features.
-            binary: Whether descriptors are bits.
-        """
+        """Set the method: `create` makes a detector with a maximum number of features."""
         self._create = create
         self._binary = binary
         self.count = count
@@ -312,12 +303,7 @@ def orb_odometry(count: int, stopwatch: StageTimer) -> SurfOdometry:
 def make_baseline(
     name: str, library: ModuleType, feature_count: int, stopwatch: StageTimer
 ) -> Odometry:
-    """Make a baseline with its library.
-
-    Args:
-        name: One of `BASELINES`.
-        feature_count: For those that use features.
-    """
+    """Make one of `BASELINES` with its library; the count is for those that use features."""
     method: PairwiseMethod
     match name:
         case "sift":

@@ -17,7 +17,6 @@ from drivers.camera import RgbdFrame
 from drivers.core import InputError
 from drivers.core.geometry import Array, inverse
 from drivers.playback.frame_reader import FrameReader
-from drivers.recording.image_decoding import UnreadableFrameError
 from drivers.recording.recording import Recording
 from vo_service.tools.compare.baselines.orb_vocabulary import Descriptors, VocabularyFile
 from vo_service.tools.compare.baselines.registry import ORB_SLAM3, PYORBSLAM3
@@ -113,11 +112,7 @@ def _thread_state(thread: Path) -> str:
 def format_settings(
     calibration: CameraCalibration, frame_rate_hz: float, feature_count: int
 ) -> str:
-    """Return ORB-SLAM3's settings file for undistorted BGR and raw depth images.
-
-    Args:
-        frame_rate_hz: Frames per second.
-    """
+    """Return ORB-SLAM3's settings file for undistorted BGR and raw depth images."""
     camera = calibration.pinhole
     settings = {
         "File.version": '"1.0"',
@@ -230,13 +225,9 @@ def _frame_rate_hz(recording: Recording) -> float:
 def _describe_images(recording: Recording, feature_count: int) -> Iterator[Descriptors]:
     """Yield (N, 32) ORB descriptors of evenly spaced images; unreadable ones are skipped."""
     detector = cv2.ORB_create(feature_count)  # type: ignore[attr-defined]
-    reader, pairs = FrameReader(recording), recording.frames.pairs
-    count = min(MAX_TRAINING_IMAGES, len(pairs))
-    for index in np.linspace(0, len(pairs) - 1, count).round().astype(int):
-        try:
-            frame = reader.read(pairs[index], int(index))
-        except UnreadableFrameError:  # will be reported in the run
-            continue
+    last = len(recording.frames.pairs) - 1
+    numbers = np.linspace(0, last, min(MAX_TRAINING_IMAGES, last + 1)).round().astype(int)
+    for frame in FrameReader(recording).read_sample(numbers.tolist()):
         _, descriptors = detector.detectAndCompute(frame.color_bgr, None)
         if descriptors is not None:
             yield descriptors

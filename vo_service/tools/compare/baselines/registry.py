@@ -9,7 +9,6 @@ from platform import machine
 from types import ModuleType
 
 from drivers.recording.recording import Recording
-from vo_service.odometry.registry import MethodConfig
 from vo_service.odometry.stage_timers import StageReporter
 from vo_service.odometry.warm_up import run_warm_up_frames
 from vo_service.types.odometry import Odometry, StageTimer
@@ -79,10 +78,10 @@ def find_package(name: str) -> BaselinePackage:
 
 @dataclass(frozen=True)
 class BaselineFactory:
-    """`MethodFactory` of a baseline; `features` is for those that use features."""
+    """`MethodFactory` of a baseline; `feature_count` is for those that use features."""
 
     name: str
-    features: MethodConfig
+    feature_count: int
     uses_truth = False
 
     @property
@@ -92,7 +91,7 @@ class BaselineFactory:
         return {
             "peer": self.name,
             "package": f"{package.pip_names[0]} {package.version}".strip(),
-            "feature_count": self.features.count,
+            "feature_count": self.feature_count,
         }
 
     def prepare(self, on_progress: Callable[[str], None]) -> None:
@@ -108,4 +107,4 @@ class BaselineFactory:
         from vo_service.tools.compare.baselines.frame_to_frame import make_baseline
 
         library = BASELINES[self.name].load()
-        return make_baseline(self.name, library, self.features.count, stopwatch)
+        return make_baseline(self.name, library, self.feature_count, stopwatch)

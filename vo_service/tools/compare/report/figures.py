@@ -177,9 +177,9 @@ def _mask_non_positive(values: Array) -> Array:
 def _draw_lost_frames(plot: "Axes", result: SequenceResults) -> None:
     """Draw one row of marks at the bottom of the plot per method with lost frames."""
     logs = {m: evaluation.outcome.run.frames for m, evaluation in result.evaluations.items()}
-    for row, method in enumerate(m for m, log in logs.items() if not log.has_pose.all()):
+    for row, method in enumerate(m for m, log in logs.items() if not log["has_pose"].all()):
         log = logs[method]
-        frames = _frame_numbers(result, log.stamps_s[~log.has_pose])
+        frames = _frame_numbers(result, log["stamp_s"][~log["has_pose"]])
         heights = np.full(len(frames), 0.015 + 0.03 * row)
         plot.plot(
             frames, heights, "|",
@@ -259,18 +259,13 @@ def _draw_trajectories(
         plot.set_aspect("equal", adjustable="datalim")
     if truth is not None:
         draw_trajectory(plots, truth, np.eye(4), GROUND_TRUTH_STYLE)
-    bounds_m = None if truth is None else _shown_bounds_m(truth)
+    bounds_m = _shown_bounds_m(truth)
+    outside = [name for name, poses in trajectories.items() if not _is_within(poses, bounds_m)]
     for method, poses in trajectories.items():
-        suffix = "" if bounds_m is None or _is_within(poses, bounds_m) else " (leaves the figure)"
-        style: dict[str, Any] = {
-            **line_style(result, method),
-            "linewidth": 1.3,
-            "label": method + suffix,
-        }
+        label = f"{method} (leaves the figure)" if method in outside else method
+        style = {**line_style(result, method), "linewidth": 1.3, "label": label}
         draw_trajectory(plots, poses, np.eye(4), style)
-    if bounds_m is not None and not all(
-        _is_within(poses, bounds_m) for poses in trajectories.values()
-    ):
+    if outside:
         right, down, forward = bounds_m.T
         plots["A"].set(xlim=right, ylim=forward)
         plots["B"].set(xlim=forward, ylim=(-down[1], -down[0]))
@@ -280,8 +275,10 @@ def _draw_trajectories(
     return figure
 
 
-def _shown_bounds_m(truth: Trajectory) -> Array:
-    """Return (2, 3) minimum and maximum of x, y, z to show, m."""
+def _shown_bounds_m(truth: Trajectory | None) -> Array:
+    """Return (2, 3) minimum and maximum of x, y, z to show, m; without a truth there are none."""
+    if truth is None:
+        return np.array([[-np.inf] * 3, [np.inf] * 3])
     positions_m = truth.T_world_camera[:, :3, 3]
     low_m, high_m = positions_m.min(axis=0), positions_m.max(axis=0)
     center_m = (low_m + high_m) / 2

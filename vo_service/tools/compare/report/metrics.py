@@ -31,11 +31,7 @@ class Metric:
     display_factor: float = 1.0
 
     def ratio(self, evaluation: RunEvaluation, reference: RunEvaluation | None) -> float | None:
-        """Return the ratio to the baseline method's value, or None if not known.
-
-        Args:
-            reference: The run of the baseline method; None without.
-        """
+        """Return the ratio to the value of the baseline method's run, or None if not known."""
         value = self.value(evaluation)
         reference_value = None if reference is None else self.value(reference)
         return value / reference_value if value is not None and reference_value else None
@@ -71,7 +67,7 @@ def _times(key: str, heading: str) -> Iterator[Metric]:
 
 def _statistic_of(key: str, statistic: Callable[[Any], Any]) -> MetricFunction:
     def value(evaluation: RunEvaluation) -> float | None:
-        times_ms = getattr(evaluation.outcome.run.frames, key)
+        times_ms = evaluation.outcome.run.frames[key]
         return float(statistic(times_ms)) if len(times_ms) else None
 
     return value

@@ -82,12 +82,9 @@ class Table:
 
 
 def number_cell(value: float | None, digits: int, display_factor: float = 1.0) -> TableCell:
-    """Make a cell of a number; digits and factor apply to the displayed text only.
+    """Make a cell of a number, None if not known.
 
-    Args:
-        value: The number; None if not known.
-        digits: Displayed digits after the decimal point.
-        display_factor: Factor of the displayed number.
+    The digits after the decimal point and the factor apply to the displayed text only.
     """
     if value is None:
         return TableCell(None, "-")

@@ -9,7 +9,6 @@ import pytest
 from drivers.camera import RgbdFrame
 from tests.vo_service.odometry.icp.depth_views import ROOM, add_noise, hand_held_pose, render_view
 from tests.vo_service.odometry.synthetic_views import render_corner
-from vo_service.odometry.registry import MethodConfig
 from vo_service.tools.compare.baselines.frame_to_frame import make_baseline
 from vo_service.tools.compare.baselines.registry import BASELINES, BaselineFactory
 from vo_service.types.odometry import NullStageTimer
@@ -29,7 +28,7 @@ def render(name: str, seq: int) -> RgbdFrame:
 def test_each_tracks_a_few_views_and_fails_on_an_empty_one(name: str) -> None:
     package = BASELINES[name]
     pytest.importorskip(package.module, reason=f"needs {package.install_command}")
-    odometry = make_baseline(name, package.load(), MethodConfig().count, NullStageTimer())
+    odometry = make_baseline(name, package.load(), 1000, NullStageTimer())
     views = [render(name, seq) for seq in range(3)]
     estimates = [odometry.estimate(view) for view in views]
     assert all(e.ok for e in estimates)
@@ -41,7 +40,7 @@ def test_each_tracks_a_few_views_and_fails_on_an_empty_one(name: str) -> None:
 
 def test_a_baseline_is_warmed_up_and_names_its_package() -> None:
     stages: list[str] = []
-    factory = BaselineFactory("cv2-rgb-depth", MethodConfig())
+    factory = BaselineFactory("cv2-rgb-depth", 1000)
     factory.prepare(stages.append)
     assert stages == ["cv2"]
     assert str(factory.settings["package"]).startswith("opencv-python-headless 5")

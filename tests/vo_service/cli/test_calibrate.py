@@ -18,9 +18,9 @@ from tests.vo_service.tools.calibration.board_snapshots import (
     each_image_is_searched_once,
     load_snapshots,
     record_snapshots,
+    set_jackknife_groups,
 )
 from tests.vo_service.tools.calibration.rendered_boards import COLOR_LENS, DEPTH_LENS
-from vo_service.tools.calibration import color_camera, depth_camera
 from vo_service.tools.calibration.snapshot import Snapshot
 
 OPTIONS = ("calibrate", "--board", "chessboard:9x6", "--square", "0.035")
@@ -46,19 +46,9 @@ def searched_once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 
 @pytest.fixture(autouse=True)
-def few_jackknife_groups(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Standard deviations take most of the time; here they come from fewer fits."""
+def surroundings_of_calibrate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few fits of standard deviations, and a folder for camera.toml."""
     set_jackknife_groups(monkeypatch, 5)
-
-
-def set_jackknife_groups(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
-    for module in (color_camera, depth_camera):
-        monkeypatch.setattr(module, "JACKKNIFE_GROUPS", count)
-
-
-@pytest.fixture(autouse=True)
-def working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where camera.toml goes when nothing else is said."""
     monkeypatch.chdir(tmp_path)
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from drivers.calibration import TUM_CALIBRATIONS, format_calibration, read_calibration
-from tests.vo_service.cli.cli_runner import KinectVo
+from tests.vo_service.cli.cli_runner import KinectVo, assert_one_line
 from tests.vo_service.learned_updates import LEARNED, SERIAL
 from vo_service.sensor_memory import (
     RememberedFocalLength,
@@ -102,10 +102,7 @@ def test_a_mistake_is_one_line(mistake: str, memory: Path, kinect_vo: KinectVo) 
     learned, arguments, message = MISTAKES[mistake]
     for timing in learned:
         write_remembered_sensor(memory, timing)
-    outcome = kinect_vo("calibrate", "--save-learned", *arguments)
-    assert (outcome.code, outcome.out) == (2, "")
-    assert message in outcome.err
-    assert outcome.err.count("\n") == 1
+    assert_one_line(kinect_vo("calibrate", "--save-learned", *arguments), 2, message)
     assert read_calibration(Path("camera.toml")) == CAMERA
 
 

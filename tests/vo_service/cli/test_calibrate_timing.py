@@ -17,7 +17,7 @@ from drivers.calibration import (
 from drivers.camera import RgbdFrame
 from drivers.recording.frame_recorder import FrameRecorder
 from drivers.tum.writer import TumFolder
-from tests.vo_service.cli.cli_runner import KinectVo
+from tests.vo_service.cli.cli_runner import KinectVo, assert_one_line
 from tests.vo_service.odometry.direct.rolling_shutter_views import add_noise, render_view
 from tests.vo_service.odometry.direct.swinging_camera import SwingingCamera
 
@@ -113,10 +113,8 @@ def test_a_camera_at_rest_is_rejected_and_nothing_is_written(
     folder = record(tmp_path / "still", is_moving=False)
     text = (folder / CAMERA_FILE_NAME).read_text()
     outcome = kinect_vo("calibrate", "--timing", folder, "--json")
-    assert (outcome.code, outcome.out) == (1, "")
-    assert outcome.err.startswith("kinect-vo: error: nothing is saved: the camera moved too slowly")
+    assert_one_line(outcome, 1, "error: nothing is saved: the camera moved too slowly")
     assert "readout 0.0 ± 30.0 ms (known: 0.0 ± 30.0 ms)" in outcome.err
-    assert outcome.err.count("\n") == 1
     assert (folder / CAMERA_FILE_NAME).read_text() == text
 
 
@@ -146,10 +144,7 @@ MISTAKES = {
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_a_mistake_is_one_line(mistake: str, kinect_vo: KinectVo) -> None:
     arguments, message = MISTAKES[mistake]
-    outcome = kinect_vo("calibrate", "--timing", *arguments)
-    assert (outcome.code, outcome.out) == (2, "")
-    assert outcome.err.count("\n") == 1
-    assert message in outcome.err
+    assert_one_line(kinect_vo("calibrate", "--timing", *arguments), 2, message)
 
 
 def test_an_offset_that_the_stamps_may_contain_is_not_added(
@@ -158,5 +153,4 @@ def test_an_offset_that_the_stamps_may_contain_is_not_added(
     camera = replace(read_calibration(recording / CAMERA_FILE_NAME), depth_offset_s=0.004)
     Path("sensor.toml").write_text(format_calibration(camera))
     outcome = kinect_vo("calibrate", "--timing", recording, "--output", "sensor.toml")
-    assert outcome.code == 2
-    assert "sensor.toml: depth_offset_s = 0.004 may be in the stamps of" in outcome.err
+    assert_one_line(outcome, 2, "sensor.toml: depth_offset_s = 0.004 may be in the stamps of")

@@ -1,13 +1,13 @@
 """Result of a calibration: the camera file's values, a table, and JSON."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from drivers.calibration import CameraCalibration, DepthCameraCalibration, RigidTransform
-from drivers.core.geometry import Array, so3_log
+from drivers.core.geometry import Array, quaternion_from_rotation
 from vo_service.tools.calibration.board import Board
 from vo_service.tools.calibration.color_camera import ColorCalibrationResult
 from vo_service.tools.calibration.depth_camera import DepthCalibrationResult
@@ -15,7 +15,7 @@ from vo_service.tools.calibration.depth_model import ROTATION, SCALE_INDEX, TRAN
 from vo_service.tools.calibration.lens import Lens
 
 ROW_FORMAT = "{:<26}{:>24}{:>24}"
-COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3")
+LENS_PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 # Far below any standard deviation, and readable.
 PIXEL_DIGITS, COEFFICIENT_DIGITS, METER_DIGITS, QUATERNION_DIGITS = 4, 7, 6, 9
 
@@ -37,7 +37,7 @@ class CalibrationResult:
     def camera_calibration(self) -> CameraCalibration:
         """Calibration with readable, rounded values."""
         width, height = self.color.size
-        tables = [_round_depth_calibration(depth.calibration) for depth in self.depth]
+        tables = [_round_depth(depth) for depth in self.depth]
         return replace(
             self.known,
             width=width,
@@ -55,7 +55,7 @@ class CalibrationResult:
         rows.append(ROW_FORMAT.format("", "color camera", "depth camera" if self.depth else ""))
         columns = [_format_column(color.lens, color.sigma)]
         columns += [_format_column(d.model.lens, d.sigma[:6]) for d in self.depth]
-        for number, name in enumerate(("fx", "fy", "cx", "cy", *COEFFICIENTS)):
+        for number, name in enumerate(LENS_PARAMETERS):
             unit = " (px)" if number < 4 else ""
             cells = [column[number] for column in columns]
             rows.append(ROW_FORMAT.format(name + unit, *cells, *[""] * (2 - len(cells))))
@@ -78,21 +78,23 @@ class CalibrationResult:
         }
 
 
-def _round_lens(lens: Lens | DepthCameraCalibration) -> dict[str, Any]:
+def _round_lens(lens: Lens) -> dict[str, Any]:
     pixels = {name: round(getattr(lens, name), PIXEL_DIGITS) for name in ("fx", "fy", "cx", "cy")}
     return pixels | {"distortion": tuple(round(k, COEFFICIENT_DIGITS) for k in lens.distortion)}
 
 
-def _round_depth_calibration(calibration: DepthCameraCalibration) -> DepthCameraCalibration:
-    x, y, z = (round(v, METER_DIGITS) for v in calibration.T_color_depth.translation_m)
-    qx, qy, qz, qw = (
-        round(q, QUATERNION_DIGITS) for q in calibration.T_color_depth.quaternion_xyzw
-    )
-    return replace(
-        calibration,
-        **_round_lens(calibration),
+def _round_depth(depth: DepthCalibrationResult) -> DepthCameraCalibration:
+    T_color_depth = depth.model.T_color_depth
+    x, y, z = T_color_depth[:3, 3].round(METER_DIGITS).tolist()
+    quaternion_xyzw = quaternion_from_rotation(T_color_depth[:3, :3])
+    qx, qy, qz, qw = quaternion_xyzw.round(QUATERNION_DIGITS).tolist()
+    height, width = depth.pixels.shape
+    return DepthCameraCalibration(
+        **_round_lens(depth.model.lens),
         T_color_depth=RigidTransform((x, y, z), (qx, qy, qz, qw)),
-        scale=round(calibration.scale, METER_DIGITS),
+        width=width,
+        height=height,
+        scale=round(depth.model.scale, METER_DIGITS),
     )
 
 
@@ -123,14 +125,7 @@ def _format_axes(values: Array, sigma: Array) -> str:
 
 
 def _lens_as_json(lens: Lens, sigma: Array) -> dict[str, Any]:
-    return {
-        "fx": lens.fx,
-        "fy": lens.fy,
-        "cx": lens.cx,
-        "cy": lens.cy,
-        "distortion": list(lens.distortion),
-        "sigma": dict(zip(("fx", "fy", "cx", "cy", *COEFFICIENTS), sigma.tolist(), strict=False)),
-    }
+    return asdict(lens) | {"sigma": dict(zip(LENS_PARAMETERS, sigma.tolist(), strict=False))}
 
 
 def _depth_as_json(depth: DepthCalibrationResult) -> dict[str, Any]:
@@ -142,6 +137,6 @@ def _depth_as_json(depth: DepthCalibrationResult) -> dict[str, Any]:
         "scale_sigma": float(sigma[SCALE_INDEX]),
         "translation_m": model.vector[TRANSLATION].tolist(),
         "translation_sigma_m": sigma[TRANSLATION].tolist(),
-        "rotation_vector_rad": so3_log(model.T_color_depth[:3, :3]).tolist(),
+        "rotation_vector_rad": model.vector[ROTATION].tolist(),
         "rotation_sigma_rad": sigma[ROTATION].tolist(),
     }

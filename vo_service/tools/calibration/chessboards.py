@@ -7,6 +7,7 @@ from functools import cached_property
 import cv2
 import numpy as np
 from cv2 import aruco
+from cv2.typing import MatLike
 from numpy.typing import NDArray
 
 from drivers.core import InputError
@@ -69,10 +70,7 @@ class Chessboard:
             return NO_CORNERS
         half_window = int(min(MAX_HALF_WINDOW_PX, spacing_px / 2 - 1))
         # More accurate than the detector's subpixel positions, which come from a fitted grid.
-        refined = cv2.cornerSubPix(
-            gray, pixels, (half_window, half_window), (-1, -1), SUBPIXEL_CRITERIA
-        )
-        return BoardCorners(refined.reshape(-1, 2).astype(np.float64), self.layout.inner_corners_m)
+        return _refine_corners(gray, pixels, half_window, self.layout.inner_corners_m)
 
     def suggest_other_board(self, gray: GrayImage) -> str:
         """Return the option for a chessboard of another size in the image, or ""."""
@@ -100,6 +98,15 @@ class Chessboard:
     @property
     def _inner_corners(self) -> tuple[int, int]:
         return self.layout.columns - 1, self.layout.rows - 1
+
+
+def _refine_corners(
+    gray: GrayImage, pixels: MatLike, half_window: int, points_m: Array
+) -> BoardCorners:
+    """Refine the pixels of corners to a tenth of a pixel."""
+    window = (half_window, half_window)
+    refined = cv2.cornerSubPix(gray, pixels, window, (-1, -1), SUBPIXEL_CRITERIA)
+    return BoardCorners(refined.reshape(-1, 2).astype(np.float64), points_m)
 
 
 def _min_spacing_px(grid: Array) -> float:
@@ -151,21 +158,13 @@ class Charuco:
             pixels, ids, _, _ = aruco.CharucoDetector(board).detectBoard(gray)
             if ids is not None and len(ids) >= MIN_CORNERS:
                 points_m = self.layout.inner_corners_m[np.ravel(ids)]
-                return self._refine_corners(gray, np.asarray(pixels, np.float32), points_m)
+                found = np.asarray(pixels, np.float32)
+                square_px = _square_px(found.reshape(-1, 2), points_m, self.layout.square_m)
+                if square_px < MIN_SQUARE_PX:  # too close together
+                    return NO_CORNERS
+                half_window = max(MIN_HALF_WINDOW_PX, round(HALF_WINDOW_RATIO * square_px))
+                return _refine_corners(gray, found, half_window, points_m)
         return NO_CORNERS
-
-    def _refine_corners(
-        self, gray: GrayImage, pixels: NDArray[np.float32], points_m: Array
-    ) -> BoardCorners:
-        """Refine to a tenth of a pixel; NO_CORNERS if the corners are too close together."""
-        square_px = _square_px(pixels.reshape(-1, 2), points_m, self.layout.square_m)
-        if square_px < MIN_SQUARE_PX:
-            return NO_CORNERS
-        half_window = max(MIN_HALF_WINDOW_PX, round(HALF_WINDOW_RATIO * square_px))
-        refined = cv2.cornerSubPix(
-            gray, pixels, (half_window, half_window), (-1, -1), SUBPIXEL_CRITERIA
-        )
-        return BoardCorners(refined.reshape(-1, 2).astype(np.float64), points_m)
 
     def suggest_other_board(self, gray: GrayImage) -> str:
         """Return the option for markers of another dictionary in the image, or ""."""
@@ -219,16 +218,11 @@ def _square_px(pixels: NDArray[np.float32], points_m: Array, square_m: float) ->
     H = np.asarray(cv2.findHomography(points_m[:, :2], pixels)[0], np.float64)
     if H.shape != (3, 3):  # no homography for collinear corners
         return 0.0
-    sides = [np.array([square_m, 0.0]), np.array([0.0, square_m])]
-    origins = _apply_homography(H, points_m[:, :2])
-    ends = [_apply_homography(H, points_m[:, :2] + side) for side in sides]
+    origins, *ends = (
+        cv2.perspectiveTransform(points_m[None, :, :2] + side, H)[0]
+        for side in ([0.0, 0.0], [square_m, 0.0], [0.0, square_m])
+    )
     return float(min(np.linalg.norm(end - origins, axis=1).min() for end in ends))
-
-
-def _apply_homography(H: Array, points: Array) -> Array:
-    scaled = np.column_stack([points, np.ones(len(points))]) @ H.T
-    pixels: Array = scaled[:, :2] / scaled[:, 2:]
-    return pixels
 
 
 def _dictionary(name: str) -> aruco.Dictionary:

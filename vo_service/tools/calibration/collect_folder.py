@@ -148,7 +148,6 @@ def collect_from_folder(
 
     Args:
         camera_file: Camera file of the recording; None for its own.
-        with_depth: Whether to read depth images.
 
     Raises:
         InputError: The folder is not usable, or no image shows the board.

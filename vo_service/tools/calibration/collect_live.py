@@ -112,9 +112,6 @@ def collect_live(
 ) -> CollectedViews:
     """Guide the user until the views are complete, the camera ends, or `stop` is set.
 
-    Args:
-        previews: Places where the views are shown; may be empty.
-
     Raises:
         UserFacingError: No image showed the board, or the camera cannot be opened.
     """

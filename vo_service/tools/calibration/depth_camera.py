@@ -11,9 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.calibration import DepthCameraCalibration, RigidTransform
 from drivers.core import UserFacingError
-from drivers.core.geometry import Array, quaternion_from_rotation
+from drivers.core.geometry import Array
 from vo_service.odometry.uncertainty import depth_sigma_m
 from vo_service.tools.calibration.board import BoardLayout
 from vo_service.tools.calibration.color_camera import (
@@ -77,25 +76,6 @@ class DepthCalibrationResult:
         """Number of views with a used reading."""
         return len(np.unique(self.pixels.view_number[self.is_used]))
 
-    @property
-    def calibration(self) -> DepthCameraCalibration:
-        """The `[depth]` table of a camera file."""
-        model, lens = self.model, self.model.lens
-        x, y, z = (float(value) for value in model.T_color_depth[:3, 3])
-        qx, qy, qz, qw = (float(q) for q in quaternion_from_rotation(model.T_color_depth[:3, :3]))
-        height, width = self.pixels.shape
-        return DepthCameraCalibration(
-            fx=lens.fx,
-            fy=lens.fy,
-            cx=lens.cx,
-            cy=lens.cy,
-            T_color_depth=RigidTransform((x, y, z), (qx, qy, qz, qw)),
-            distortion=lens.distortion,
-            width=width,
-            height=height,
-            scale=model.scale,
-        )
-
 
 def calibrate_depth(
     color: ColorCalibrationResult, layout: BoardLayout, depth_factor: float, progress: Progress
@@ -103,7 +83,6 @@ def calibrate_depth(
     """Fit the depth camera to the boards that the color camera saw.
 
     Args:
-        color: Fitted color camera; its views have the depth images.
         depth_factor: Values of the depth images per meter.
         progress: Is called with the number of steps done and in total.
 

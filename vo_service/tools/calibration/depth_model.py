@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.core.geometry import Array, inverse, rigid_transform, so3_exp
+from drivers.core.geometry import Array, inverse, rigid_transform, so3_exp, transform_points
 from vo_service.tools.calibration.board import BoardLayout
 from vo_service.tools.calibration.lens import Lens
 from vo_service.tools.calibration.snapshot import BoardView
@@ -23,8 +23,6 @@ SCALE_INDEX = 12
 # the right of the infrared camera.
 DEFAULT_FOCAL_RATIO = 575.8 / 640.0
 DEFAULT_TRANSLATION_M = (-0.025, 0.0, 0.0)
-# Brown's model has no closed inverse. For small distortion the error is far below a pixel.
-UNDISTORT_ITERATIONS = 20
 MAX_READINGS_PER_VIEW = 150
 MIN_READINGS_PER_VIEW = 40
 
@@ -40,20 +38,9 @@ class DepthModel:
         """Return a typical Kinect's depth camera for an image size (width, height)."""
         width, height = size
         focal_px = DEFAULT_FOCAL_RATIO * width
-        center = ((width - 1) / 2, (height - 1) / 2)
-        no_distortion_no_rotation = [0.0] * 5
-        return cls(
-            np.array(
-                [
-                    focal_px,
-                    focal_px,
-                    *center,
-                    *no_distortion_no_rotation,
-                    *DEFAULT_TRANSLATION_M,
-                    scale,
-                ]
-            )
-        )
+        undistorted_lens = [focal_px, focal_px, (width - 1) / 2, (height - 1) / 2, 0.0, 0.0]
+        no_rotation = [0.0] * 3
+        return cls(np.array([*undistorted_lens, *no_rotation, *DEFAULT_TRANSLATION_M, scale]))
 
     def with_parameters(self, indices: NDArray[np.int64], values: Array) -> "DepthModel":
         """Return a copy with changed parameters; `indices` are positions in `vector`."""
@@ -79,22 +66,8 @@ class DepthModel:
 
     def points_m(self, pixels: Array, readings_m: Array) -> Array:
         """Return points (N, 3) in the color camera's frame of readings (N,) at pixels (N, 2)."""
-        rays = self._rays(pixels)
-        points = rays * (self.scale * readings_m)[:, None]
-        T = self.T_color_depth
-        points_color: Array = points @ T[:3, :3].T + T[:3, 3]
-        return points_color
-
-    def _rays(self, pixels: Array) -> Array:
-        """Return undistorted rays (N, 3) with z = 1, by fixed-point iteration."""
-        k1, k2 = self.vector[DISTORTION]
-        distorted_x, distorted_y = ((pixels - self.vector[2:4]) / self.vector[0:2]).T
-        x, y = distorted_x, distorted_y
-        for _ in range(UNDISTORT_ITERATIONS if k1 or k2 else 0):
-            r2 = x * x + y * y
-            radial = 1.0 + r2 * (k1 + r2 * k2)
-            x, y = distorted_x / radial, distorted_y / radial
-        return np.column_stack([x, y, np.ones(len(x))])
+        points = self.lens.rays(pixels) * (self.scale * readings_m)[:, None]
+        return transform_points(self.T_color_depth, points)
 
 
 @dataclass(frozen=True)
@@ -136,7 +109,6 @@ def collect_board_readings(
     Views with too few readings are left out.
 
     Args:
-        views: V views.
         T_camera_board: (V, 4, 4) poses of the boards in the frame of the color camera.
         depth_factor: Values of the depth images per meter.
     """

@@ -9,6 +9,9 @@ from drivers.calibration import Distortion
 from drivers.core.geometry import Array, rigid_transform, so3_exp
 from vo_service.tools.calibration.board import BoardCorners
 
+# Brown's model has no closed inverse. For small distortion the error is far below a pixel.
+UNDISTORT_CRITERIA = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 20, 1e-12)
+
 
 @dataclass(frozen=True)
 class Lens:
@@ -37,6 +40,13 @@ class Lens:
             points_m, rotation, T_camera_board[:3, 3], self.K, np.array(self.distortion)
         )
         return np.asarray(pixels, np.float64).reshape(-1, 2)
+
+    def rays(self, pixels: Array) -> Array:
+        """Return the undistorted rays (N, 3) with z = 1 of pixels (N, 2): inverse of `project`."""
+        xy = cv2.undistortPoints(
+            pixels[:, None], self.K, np.array(self.distortion), criteria=UNDISTORT_CRITERIA
+        )
+        return np.column_stack([xy.reshape(-1, 2), np.ones(len(pixels))])
 
 
 def solve_board_pose(lens: Lens, corners: BoardCorners) -> Array:

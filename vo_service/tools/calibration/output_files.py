@@ -19,11 +19,7 @@ def check_camera_output(path: Path) -> None:
 
 
 def save_camera_file(path: Path, camera: CameraCalibration, heading: str) -> Path | None:
-    """Write a camera file as `save_with_backup` does.
-
-    Args:
-        heading: Comment in its first line.
-    """
+    """Write a camera file with a heading, a comment, as `save_with_backup` does."""
     return save_with_backup(path, f"# {heading}\n{format_calibration(camera)}".encode())
 
 

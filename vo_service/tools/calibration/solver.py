@@ -12,10 +12,7 @@ from vo_service.tools.calibration.validation import validate_color, validate_dep
 def solve_calibration(
     board: Board, collected: CollectedViews, with_depth: bool, terminal: Terminal
 ) -> CalibrationResult:
-    """Fit the color camera, then the depth camera to it.
-
-    Args:
-        with_depth: Whether to calibrate the depth camera.
+    """Fit the color camera, then the depth camera to it, if that is wanted.
 
     Raises:
         UserFacingError: There are too few or too similar views, or the result is not valid.

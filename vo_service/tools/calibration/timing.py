@@ -60,14 +60,7 @@ SensorTiming = dict[str, TimingValue]
 def make_timing(
     readout_s: float, depth_offset_s: float, readout_sigma_s: float, depth_offset_sigma_s: float
 ) -> SensorTiming:
-    """Make a timing of its four numbers.
-
-    Args:
-        readout_s: Readout of all rows, s.
-        depth_offset_s: Delay of depth after its stamps, s.
-        readout_sigma_s: Standard deviation, s; 0 is exact.
-        depth_offset_sigma_s: Standard deviation, s; 0 is exact.
-    """
+    """Make a timing: readout of all rows, delay of depth after its stamps, standard deviations."""
     return {
         "readout_s": TimingValue(readout_s, readout_sigma_s),
         "depth_offset_s": TimingValue(depth_offset_s, depth_offset_sigma_s),
@@ -101,13 +94,10 @@ USUAL_TIMING = timing_by_prior(KINECT_READOUT_S, 0.0, KINECT_TIMING_PRIOR)
 def told_timing(camera: CameraCalibration, is_kinect: bool = False) -> SensorTiming:
     """Return what a camera file tells: a standard deviation of 0 is exact.
 
-    Args:
-        is_kinect: Whether the usual values hold if the file tells none.
+    Of a Kinect, the usual values hold if the file tells none.
     """
-    if is_kinect:
-        readout_s, prior = kinect_timing(camera)
-    else:
-        readout_s, prior = camera.readout_s, camera.timing_prior
+    of_file = camera.readout_s, camera.timing_prior
+    readout_s, prior = kinect_timing(camera) if is_kinect else of_file
     return timing_by_prior(readout_s, camera.depth_offset_s, prior)
 
 
@@ -117,10 +107,7 @@ def combine(measured: SensorTiming, prior: SensorTiming) -> SensorTiming:
 
 
 def improve_timing(told: SensorTiming, measured: SensorTiming, is_kinect: bool) -> SensorTiming:
-    """Return the values that a measurement changes.
-
-    Args:
-        is_kinect: Whether the measurement is combined with the usual values.
+    """Return the values that a measurement changes; that of a Kinect is combined with the usual.
 
     Raises:
         UserFacingError: The measurement is less certain than what is told.

@@ -63,9 +63,6 @@ def validate_depth(
 ) -> list[str]:
     """Return warnings.
 
-    Args:
-        gaps: Gaps in the coverage of the views.
-
     Raises:
         UserFacingError: If the result is not valid.
     """

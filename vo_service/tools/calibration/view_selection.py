@@ -179,12 +179,7 @@ def count_zone_corners(views: Sequence[BoardView]) -> Array:
 def find_coverage_gaps(
     views: Sequence[BoardView], board_poses: Sequence[BoardPose], with_depth: bool
 ) -> list[CoverageGap]:
-    """Return the gaps in order of importance.
-
-    Args:
-        board_poses: Approximate pose of the board in each view.
-        with_depth: Whether the depth camera is calibrated, too.
-    """
+    """Return the gaps in order of importance; `with_depth` if both cameras are calibrated."""
     gaps = [*_tilt_gaps(board_poses), *_zone_gaps(views)]
     return [*gaps, *_distance_gaps(board_poses)] if with_depth else gaps
 
@@ -225,11 +220,7 @@ class CoverageGuide:
     """Guide of the user: gives instructions until the views are complete."""
 
     def __init__(self, selector: ViewSelector, view_count: int, with_depth: bool) -> None:
-        """Set the aim.
-
-        Args:
-            with_depth: Whether the depth camera is calibrated, too.
-        """
+        """Set the aim; `with_depth` if both cameras are calibrated."""
         self._selector = selector
         self._view_count = view_count
         self._with_depth = with_depth

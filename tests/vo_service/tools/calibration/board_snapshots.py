@@ -12,6 +12,7 @@ import pytest
 
 from tests.shared_fixture import make_once
 from tests.vo_service.tools.calibration.rendered_boards import random_board_poses, take_snapshots
+from vo_service.tools.calibration import color_camera, depth_camera
 from vo_service.tools.calibration.board import BoardCorners, BoardLayout, GrayImage
 from vo_service.tools.calibration.chessboards import Chessboard
 from vo_service.tools.calibration.snapshot import Snapshot
@@ -64,6 +65,12 @@ def each_image_is_searched_once(tmp_path_factory: pytest.TempPathFactory) -> Ite
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Chessboard, "find_corners", find_cached)
         yield
+
+
+def set_jackknife_groups(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
+    """Set the number of fits of standard deviations, which take most of the time."""
+    for module in (color_camera, depth_camera):
+        monkeypatch.setattr(module, "JACKKNIFE_GROUPS", count)
 
 
 def record_snapshots(tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -11,8 +11,8 @@ from tests.vo_service.tools.calibration.board_snapshots import (
     BOARD,
     each_image_is_searched_once,
     load_snapshots,
+    set_jackknife_groups,
 )
-from vo_service.tools.calibration import color_camera, depth_camera
 from vo_service.tools.calibration.color_camera import ColorCalibrationResult, calibrate_color
 from vo_service.tools.calibration.depth_camera import DepthCalibrationResult, calibrate_depth
 from vo_service.tools.calibration.snapshot import Snapshot
@@ -21,9 +21,8 @@ from vo_service.tools.calibration.view_selection import ViewSelector
 
 @pytest.fixture
 def few_jackknife_groups(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Standard deviations take most of the time; here they come from fewer fits."""
-    for module in (color_camera, depth_camera):
-        monkeypatch.setattr(module, "JACKKNIFE_GROUPS", 5)
+    """Few fits of standard deviations."""
+    set_jackknife_groups(monkeypatch, 5)
 
 
 CalibratedKinect = tuple[ViewSelector, ColorCalibrationResult, DepthCalibrationResult]

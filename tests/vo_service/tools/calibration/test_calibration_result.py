@@ -33,8 +33,11 @@ def test_the_camera_file_has_the_result(calibration: CalibrationResult, tmp_path
     assert (read.depth_factor, read.readout_s) == (1000.0, 0.02)
     assert read.fx == pytest.approx(calibration.color.lens.fx, abs=1e-4)
     assert read.depth is not None
-    expected = calibration.depth[0].model.T_color_depth
-    np.testing.assert_allclose(read.depth.T_color_depth.matrix, expected, atol=1e-6)
+    model = calibration.depth[0].model
+    np.testing.assert_allclose(read.depth.T_color_depth.matrix, model.T_color_depth, atol=1e-6)
+    assert (read.depth.width, read.depth.height) == (640, 480)
+    assert read.depth.fx == pytest.approx(model.lens.fx, abs=1e-4)
+    assert read.depth.scale == pytest.approx(model.scale, abs=1e-6)
 
 
 def test_a_file_behind_a_link_is_written_at_its_target(
@@ -66,14 +69,11 @@ def test_the_json_has_numbers(calibration: CalibrationResult) -> None:
     assert content["warnings"] == ["a warning"]
 
 
-@pytest.mark.parametrize("name", ["coverage.png", "coverage.svg"])
 def test_the_figure_has_two_plots_per_camera(
-    calibration: CalibrationResult, tmp_path: Path, name: str
+    calibration: CalibrationResult, tmp_path: Path
 ) -> None:
     titles = [plot.get_title() for plot in draw_plot(calibration).axes]
     assert titles[0].startswith("corners, and 0.")
     assert titles[2].startswith("depth readings on the boards")
-    write_plot(tmp_path / name, calibration)
-    if name.endswith(".png"):
-        assert cv2.imread(str(tmp_path / name)) is not None
-    assert (tmp_path / name).stat().st_size > 10_000
+    write_plot(tmp_path / "coverage.png", calibration)
+    assert cv2.imread(str(tmp_path / "coverage.png")) is not None

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from drivers.calibration import DepthCameraCalibration
 from drivers.core import UserFacingError
 from drivers.core.geometry import inverse, rotation_angle_rad
 from tests.vo_service.tools.calibration.board_snapshots import BOARD
@@ -37,7 +36,7 @@ def test_lens_pose_and_scale_are_accurate(depth: DepthCalibrationResult) -> None
     assert np.linalg.norm(error[:3, 3]) < 0.002
     assert np.degrees(rotation_angle_rad(error[:3, :3])) < 0.2
     assert depth.model.scale == pytest.approx(TRUE_SCALE, rel=0.005)
-    assert depth.calibration.distortion == (0.0, 0.0, 0.0, 0.0, 0.0)
+    assert lens.distortion == (0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def test_the_standard_deviations_have_the_size_of_the_errors(
@@ -53,13 +52,6 @@ def test_the_residuals_are_the_sensors_noise(depth: DepthCalibrationResult) -> N
     assert 0.0005 < depth.rms_m < 0.003
     assert depth.is_used.mean() > 0.99
     assert abs(float(np.median(depth.residuals_m))) < 0.0005
-
-
-def test_the_table_has_the_result(depth: DepthCalibrationResult) -> None:
-    table: DepthCameraCalibration = depth.calibration
-    np.testing.assert_allclose(table.T_color_depth.matrix, depth.model.T_color_depth, atol=1e-12)
-    assert (table.width, table.height) == (640, 480)
-    assert (table.fx, table.scale) == (depth.model.lens.fx, depth.model.scale)
 
 
 @pytest.mark.slow

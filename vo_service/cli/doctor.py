@@ -2,6 +2,7 @@
 
 import io
 import json
+import logging
 import shutil
 import sys
 from contextlib import AbstractContextManager, nullcontext
@@ -29,8 +30,8 @@ from vo_service.tools.doctor.finding import CheckVerdict
 from vo_service.tools.doctor.printer import FindingPrinter
 from vo_service.tools.doctor.report import (
     add_report_contents,
+    console_at_least,
     open_bug_report,
-    quiet_console,
     write_json,
 )
 from vo_service.tools.doctor.stream_probe import probe_stream
@@ -87,7 +88,8 @@ def run(request: DoctorRequest) -> int:
         synthetic=config.synthetic,
         topics=request.topics,
     )
-    with nullcontext() if request.verbose else quiet_console():
+    # The findings repeat the drivers' warnings.
+    with nullcontext() if request.verbose else console_at_least(logging.ERROR):
         if request.report is None:
             diagnosis = _run_checks(request, source, camera)
         else:

@@ -47,7 +47,6 @@ def sign_certificate(folder: Path, authority: Path, name: str, extensions: str, 
     """Sign tls.key in `folder` with ca.key in `authority`, and write tls.pem to `folder`.
 
     Args:
-        authority: Folder with ca.pem and ca.key.
         extensions: Section of an openssl configuration, one ``key=value`` per line.
     """
     extension_file = folder / "extensions"

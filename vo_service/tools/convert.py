@@ -75,9 +75,6 @@ def convert(
     """Write a recording in another format; after a failure nothing is left of it.
 
     Args:
-        recording: The recording.
-        path: New file or folder.
-        output_format: Its format.
         progress: Called with the number of written frames; an exception ends the conversion.
 
     Returns:

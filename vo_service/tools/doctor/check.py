@@ -3,7 +3,7 @@
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from enum import StrEnum
 from functools import cached_property
 from pathlib import Path
@@ -130,24 +130,15 @@ class CheckResult:
 
     def as_json(self) -> dict[str, object]:
         """Return the result for --json; the keys are stable."""
-        finding = self.finding
-        return {
-            "name": self.name,
-            "verdict": finding.verdict,
-            "text": finding.text,
-            "fix": finding.fix,
-            "facts": dict(finding.facts),
-        }
+        return {"name": self.name, **asdict(self.finding)}
 
 
 def run_checks(
     checks: Sequence[Check], context: CheckContext, show_busy: ShowBusy
 ) -> Iterator[CheckResult]:
-    """Yield the result of each check as soon as it is known.
+    """Yield the result of each check as soon as it is known; `show_busy` shows its name.
 
-    Args:
-        checks: Checks to run; each comes after those it needs.
-        show_busy: Shows the name of a check while it runs.
+    Each comes after those it needs.
 
     Raises:
         InputError: The user's input is invalid.

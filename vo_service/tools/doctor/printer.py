@@ -58,27 +58,24 @@ class FindingPrinter:
             return
         self._print_line(result.finding.verdict, result.name.replace("-", " "), result.finding.text)
         if result.finding.fix:
-            fix, *rest = self._wrap(result.finding.fix, len(FIX_PREFIX))
-            self._print_indented(self._paint(FIX_PREFIX, COLORS[result.finding.verdict]) + fix)
-            for line in rest:
-                self._print_indented(" " * len(FIX_PREFIX) + line)
+            prefix = self._paint(FIX_PREFIX, COLORS[result.finding.verdict])
+            indent = self._name_width + 6
+            self._print_block(" " * indent + prefix, indent + len(FIX_PREFIX), result.finding.fix)
 
     def print_conclusion(self, results: Sequence[CheckResult]) -> None:
         """Print the overall result."""
         if self._skipped:
             self._print_skipped()
-        by_verdict = {kind: _names(results, kind) for kind in CheckVerdict}
-        failures, warnings = by_verdict[CheckVerdict.FAIL], by_verdict[CheckVerdict.WARNING]
-        skipped = by_verdict[CheckVerdict.SKIPPED]
+        kinds = CheckVerdict.FAIL, CheckVerdict.WARNING, CheckVerdict.SKIPPED
+        failures, warnings, skipped = (_names(results, kind) for kind in kinds)
+        text, color = "all checks passed", GREEN
         if failures:
             rest = f", {len(skipped)} not checked" if skipped else ""
             text = f"{len(failures)} failed ({', '.join(failures)}){rest}: fix this and re-run"
-            self._write(f"\n{self._paint(text, RED)}")
+            color = RED
         elif warnings:
-            text = f"it works, with warnings: {', '.join(warnings)}"
-            self._write(f"\n{self._paint(text, YELLOW)}")
-        else:
-            self._write(f"\n{self._paint('all checks passed', GREEN)}")
+            text, color = f"it works, with warnings: {', '.join(warnings)}", YELLOW
+        self._write(f"\n{self._paint(text, color)}")
 
     def _print_skipped(self) -> None:
         names = ", ".join(result.name.replace("-", " ") for result in self._skipped)
@@ -89,19 +86,18 @@ class FindingPrinter:
     def _print_line(self, verdict: CheckVerdict, name: str, text: str) -> None:
         symbol = self._paint(self._symbols[verdict], COLORS[verdict])
         faint = FAINT if verdict in (CheckVerdict.SKIPPED, CheckVerdict.UNKNOWN) else ""
-        first, *rest = (self._paint(line, faint) for line in self._wrap(text))
-        self._write(f"  {symbol} {name.ljust(self._name_width)}  {first}")
-        for line in rest:
-            self._print_indented(line)
+        head = f"  {symbol} {name.ljust(self._name_width)}  "
+        self._print_block(head, self._name_width + 6, text, faint)
 
-    def _wrap(self, text: str, indent: int = 0) -> list[str]:
-        if not self._width:
-            return [text]
-        width = self._width - self._name_width - 6 - indent
-        return textwrap.wrap(text, width, break_on_hyphens=False, break_long_words=False) or [""]
-
-    def _print_indented(self, line: str) -> None:
-        self._write(f"{' ' * (self._name_width + 6)}{line}")
+    def _print_block(self, head: str, indent: int, text: str, color: str = "") -> None:
+        """Print a text behind a head, whose width is the indent of further lines."""
+        lines = [text]
+        if self._width:
+            width = self._width - indent
+            lines = textwrap.wrap(text, width, break_on_hyphens=False, break_long_words=False)
+        for line in lines or [""]:
+            self._write(head + self._paint(line, color))
+            head = " " * indent
 
     def _paint(self, text: str, color: str) -> str:
         return f"\x1b[{color}m{text}\x1b[0m" if self._has_color and color else text

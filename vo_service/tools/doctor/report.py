@@ -4,12 +4,10 @@ import json
 import logging
 import os
 import platform
-import shutil
-import subprocess
 import sys
 import tarfile
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -24,6 +22,7 @@ from drivers.tum.writer import TumFolder
 from vo_service.tools.doctor.library_checks import LIBRARY_PACKAGES
 from vo_service.tools.doctor.stream_probe import probe_stream
 from vo_service.tools.doctor.usb_probe import KernelUsbDevice, list_usb_devices
+from vo_service.tools.install.system_files import run_command
 
 PYTHON_PACKAGES = (
     "kinect-vo",
@@ -53,7 +52,10 @@ def collect_versions() -> dict[str, str]:
     """Return names and versions of the installed software; "" if not installed."""
     python = {name: _python_package_version(name) for name in PYTHON_PACKAGES}
     query = ("dpkg-query", "--show", "--showformat=${Version}")
-    debian = {name: run_and_capture([*query, name]) for name in DEBIAN_PACKAGES}
+    debian = {
+        name: run_command(*query, name, timeout_s=COMMAND_TIMEOUT_S).output
+        for name in DEBIAN_PACKAGES
+    }
     release = platform.freedesktop_os_release() if Path("/etc/os-release").exists() else {}
     system = {
         "python": platform.python_version(),
@@ -75,21 +77,11 @@ def format_usb_listing(root: Path) -> str:
 
 def read_journals() -> dict[str, str]:
     """Return file names and texts of the system's logs that this user may read."""
-    texts = {name: run_and_capture(command) for name, command in JOURNAL_COMMANDS.items()}
+    texts = {
+        name: run_command(*command, timeout_s=COMMAND_TIMEOUT_S).output
+        for name, command in JOURNAL_COMMANDS.items()
+    }
     return {name: text for name, text in texts.items() if text}
-
-
-def run_and_capture(command: Sequence[str]) -> str:
-    """Return the output of a command; "" if it is not installed, fails or does not end."""
-    if shutil.which(command[0]) is None:
-        return ""
-    try:
-        process = subprocess.run(
-            command, capture_output=True, text=True, timeout=COMMAND_TIMEOUT_S, check=False
-        )
-    except (OSError, subprocess.TimeoutExpired):
-        return ""
-    return process.stdout if process.returncode == 0 else ""
 
 
 def _python_package_version(name: str) -> str:
@@ -147,9 +139,6 @@ def open_bug_report(file: Path) -> Iterator[Path]:
 def add_report_contents(folder: Path, camera: RgbdCamera) -> str:
     """Add the contents of a report; returns a phrase about the recorded frames.
 
-    Args:
-        folder: Folder of the report.
-
     Raises:
         OSError: If that fails.
     """
@@ -169,11 +158,11 @@ def add_report_contents(folder: Path, camera: RgbdCamera) -> str:
 
 
 @contextmanager
-def quiet_console() -> Iterator[None]:
-    """Show only errors on the console; findings repeat the drivers' warnings."""
+def console_at_least(least: int) -> Iterator[None]:
+    """Show only lines of this level and above on the console."""
     levels = [(handler, handler.level) for handler in logging.getLogger().handlers]
     for handler, level in levels:
-        handler.setLevel(max(level, logging.ERROR))
+        handler.setLevel(max(level, least))
     try:
         yield
     finally:
@@ -198,22 +187,18 @@ def log_details_to(file: Path) -> Iterator[None]:
     """
     root = logging.getLogger()
     before = root.level
-    levels = [(handler, handler.level) for handler in root.handlers]
     detailed = _LogFile(file)
     detailed.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
     # Details of other packages would hide ours.
     detailed.addFilter(
         lambda record: record.levelno > logging.INFO or record.name.partition(".")[0] in OWN_LOGGERS
     )
-    for handler, level in levels:
-        handler.setLevel(max(level, before))
-    root.addHandler(detailed)
-    root.setLevel(logging.DEBUG)
-    try:
-        yield
-    finally:
-        root.setLevel(before)
-        root.removeHandler(detailed)
-        for handler, level in levels:
-            handler.setLevel(level)
-        detailed.close()
+    with console_at_least(before):
+        root.addHandler(detailed)
+        root.setLevel(logging.DEBUG)
+        try:
+            yield
+        finally:
+            root.setLevel(before)
+            root.removeHandler(detailed)
+            detailed.close()

@@ -73,7 +73,6 @@ def probe_stream(
     """Open a camera, read frames and close it.
 
     Args:
-        camera: Closed camera.
         seconds: Time to read after the first frame; a recording may end earlier.
 
     Raises:

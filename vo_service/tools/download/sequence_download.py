@@ -15,7 +15,12 @@ from drivers.core.write_errors import create_output_folder
 from drivers.tum.folder import open_tum_folder
 from vo_service.terminal import Terminal
 from vo_service.tools.download.catalog import BenchmarkSequence
-from vo_service.tools.download.transfer import PartialFile, disk_error, fetch_with_retries
+from vo_service.tools.download.transfer import (
+    PartialFile,
+    TransferProgress,
+    disk_error,
+    fetch_with_retries,
+)
 
 CHUNK_BYTES = 1 << 16
 # Images hardly compress; these limits stop archives that are made to fill the disk.
@@ -28,7 +33,6 @@ DAMAGE_ERRORS = (
     EOFError, zlib.error, tarfile.TarError, gzip.BadGzipFile,
     ValueError, LookupError, ArithmeticError, RecursionError,
 )  # fmt: skip
-UnpackProgress = Callable[[int, int | None], None]  # bytes of the archive read, bytes in total
 
 
 class DamagedArchiveError(UserFacingError):
@@ -79,13 +83,8 @@ class _BoundedGzip(gzip.GzipFile):
         return self.last_read
 
 
-def unpack(archive: Path, folder: Path, on_progress: UnpackProgress) -> None:
+def unpack(archive: Path, folder: Path, on_progress: TransferProgress) -> None:
     """Unpack a .tgz into a new `folder`. After an error, unpacked files are left there.
-
-    Args:
-        archive: The .tgz file.
-        folder: New folder for its contents.
-        on_progress: Is called with the bytes of the archive that were read, and all.
 
     Raises:
         DamagedArchiveError: The archive is incomplete or invalid.
@@ -161,7 +160,6 @@ def download_sequence(
     archive is unusable.
 
     Args:
-        folder: Folder with the name of the sequence's own.
         source: Address of the benchmark's host or of a mirror.
         sha256: Required digest of the archive, hexadecimal; None for any.
 
@@ -194,7 +192,7 @@ def _check_digest(archive: Path, sha256: str) -> None:
         raise DamagedArchiveError(f"its SHA-256 is {digest}")
 
 
-def _unpack_into(folder: Path, archive: Path, on_progress: UnpackProgress) -> None:
+def _unpack_into(folder: Path, archive: Path, on_progress: TransferProgress) -> None:
     """Unpack into a temporary folder, check that it can be replayed, then rename it to `folder`."""
     temporary = folder.with_name(f".{folder.name}.unpacking")
     shutil.rmtree(temporary, ignore_errors=True)  # left by a killed process

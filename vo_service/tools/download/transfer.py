@@ -25,7 +25,8 @@ CHUNK_BYTES = 1 << 16
 # Delays before the attempts after failures without progress.
 RETRY_DELAYS_S = (1.0, 2.0, 4.0, 8.0)
 _RANGE = re.compile(r"bytes (?:(\d+)-\d+|\*)/(\d+|\*)")
-TransferProgress = Callable[[int, int | None], None]  # bytes received, bytes in total
+# Is called with the bytes that were received or unpacked, and all if known.
+TransferProgress = Callable[[int, int | None], None]
 
 
 def disk_error(folder: Path, error: OSError) -> WriteError:
@@ -151,10 +152,6 @@ def fetch_with_retries(url: str, part: PartialFile, on_progress: TransferProgres
     """Fetch a file as `fetch` does, with retries until several in a row make no progress.
 
     There is no retry if the first attempt receives nothing.
-
-    Args:
-        part: Partial file to complete.
-        on_progress: Is called with the bytes received, and all if known.
     """
     size_at_start, failures = part.size, 0
     while True:
@@ -172,10 +169,6 @@ def fetch_with_retries(url: str, part: PartialFile, on_progress: TransferProgres
 
 def fetch(url: str, part: PartialFile, on_progress: TransferProgress) -> None:
     """Complete `part` to the whole file at `url`, without its existing part of this version.
-
-    Args:
-        part: Partial file to complete.
-        on_progress: Is called with the bytes received, and all if known.
 
     Raises:
         InputError: The address is not usable.

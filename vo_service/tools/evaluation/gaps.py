@@ -72,13 +72,7 @@ def find_gaps(stamps_s: Array) -> list[Gap]:
 def classify_gap(
     gap: Gap, stamps_s: Array, is_good: NDArray[np.bool_], epochs: NDArray[np.int64]
 ) -> GapOutcome:
-    """Return how a gap was crossed.
-
-    Args:
-        stamps_s: (N,) stamps of all frames.
-        is_good: (N,) whether each frame has a pose.
-        epochs: (N,) epoch of each frame.
-    """
+    """Return how a gap was crossed, by stamp, success and epoch of each of the N frames."""
     first = int(np.searchsorted(stamps_s, gap.end_s - STAMP_ROUNDING_S))
     good = np.flatnonzero(is_good[first:])
     lost = int(good[0]) if len(good) else len(stamps_s) - first
@@ -101,11 +95,7 @@ def gap_error(matched: MatchedPoses, gap: Gap) -> RelativeErrors | None:
 
 
 def spans_gap(matched: MatchedPoses, pairs: PosePairs, gaps: list[Gap]) -> NDArray[np.bool_]:
-    """Return (K,) whether the poses of each pair lie on both sides of a gap.
-
-    Args:
-        pairs: K pairs of them.
-    """
+    """Return (K,) whether the poses of each of K pairs lie on both sides of a gap."""
     earlier_s, later_s = matched.stamps_s[pairs.earlier], matched.stamps_s[pairs.later]
     is_across = np.zeros(len(pairs), np.bool_)
     for gap in gaps:

@@ -37,9 +37,6 @@ def write_plot(
 
     The axes are those of the first true camera: right, forward, up. No partial file is left.
 
-    Args:
-        max_difference_s: As for `associate`.
-
     Raises:
         InputError: Another suffix, fewer than 3 poses with ground truth, or no file can have this
             name.
@@ -54,11 +51,7 @@ def draw_plot(
     title: str,
     max_difference_s: float = MAX_STAMP_DIFFERENCE_S,
 ) -> "Figure":
-    """Draw the matplotlib figure.
-
-    Args:
-        max_difference_s: As for `associate`.
-    """
+    """Draw the matplotlib figure of `write_plot`."""
     matched = associate(trajectory, truth, max_difference_s)
     T_truth_world = best_alignment(matched)
     T_first_truth = inverse(matched.T_truth_camera[0])
@@ -82,28 +75,18 @@ def draw_plot(
 
 
 def label_axes(plot: "Axes", title: str, x: str, y: str) -> None:
-    """Set the title, the axis labels and a grid.
-
-    Args:
-        plot: The axes.
-        x: Label of the x axis.
-        y: Label of the y axis.
-    """
-    plot.set_title(title)
-    plot.set_xlabel(x)
-    plot.set_ylabel(y)
+    """Set the title, the axis labels and a grid."""
+    plot.set(title=title, xlabel=x, ylabel=y)
     plot.grid(alpha=0.3)
 
 
 def draw_trajectory(
     plots: "dict[str, Axes]", poses: Trajectory, T_first_world: Array, style: dict[str, Any]
 ) -> None:
-    """Draw into both views; T_first_world transforms to the first true camera.
+    """Draw into the views "A" from above and "B" from the right.
 
     Args:
-        plots: Axes of the views "A" from above and "B" from the right.
         T_first_world: (4, 4) from its world to the first true camera.
-        style: Style of the line, for matplotlib.
     """
     positions_m = transform_points(T_first_world, poses.T_world_camera[:, :3, 3])
     right_m, down_m, forward_m = insert_nan_at_gaps(poses.stamps_s, positions_m).T
@@ -112,12 +95,7 @@ def draw_trajectory(
 
 
 def crop_trajectory(poses: Trajectory, begin_s: float, end_s: float) -> Trajectory:
-    """Return the poses between two stamps; motion capture may start long before the trajectory.
-
-    Args:
-        begin_s: First stamp.
-        end_s: Last stamp.
-    """
+    """Return the poses between two stamps; motion capture may start long before the trajectory."""
     during = (poses.stamps_s >= begin_s - MAX_STAMP_DIFFERENCE_S) & (
         poses.stamps_s <= end_s + MAX_STAMP_DIFFERENCE_S
     )

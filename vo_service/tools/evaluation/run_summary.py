@@ -184,7 +184,6 @@ def evaluate_if_possible(
     """Evaluate a trajectory; None without a truth or with too few matched poses.
 
     Args:
-        ground_truth: True poses; None if not known.
         frames_s: (F,) stamps of all delivered frames.
     """
     if ground_truth is None or not len(trajectory):

@@ -35,18 +35,13 @@ class Installer:
     def __init__(
         self, root: Path, systemd: Systemd | OfflineSystemd, print_line: PrintLine
     ) -> None:
-        """Set where to install.
-
-        Args:
-            print_line: Is called with a line for each step.
-        """
+        """Set where to install; `print_line` is called with a line for each step."""
         self._root, self._systemd, self._print_line = root, systemd, print_line
 
     def install(self, unit: ServiceUnit, *, enable: bool, network_tls: bool) -> None:
-        """Install everything for `unit`.
+        """Install everything for `unit`, and start it now and at boot if it is enabled.
 
         Args:
-            enable: Whether to start it now and at boot.
             network_tls: Whether to install the drop-in that opens the network with TLS.
 
         Raises:
@@ -105,10 +100,7 @@ class Installer:
         return is_new
 
     def uninstall(self, *, purge: bool) -> None:
-        """Stop and remove the service.
-
-        Args:
-            purge: Whether to delete the configuration and all data, too.
+        """Stop and remove the service; to purge is to delete the configuration and all data, too.
 
         Raises:
             UserFacingError: Systemd fails.

@@ -101,9 +101,6 @@ def install_program(root: Path, on_progress: Callable[[str], None]) -> bool:
 
     An old copy stays until the new one is complete and has run once.
 
-    Args:
-        on_progress: Is called with the name of each step.
-
     Returns:
         False if the same program is already installed.
 

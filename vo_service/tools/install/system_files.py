@@ -53,17 +53,25 @@ def format_sudo_command(*arguments: str) -> str:
     return " ".join(["sudo", str(script) if script.exists() else "kinect-vo", *arguments])
 
 
-def run_command(*command: str, timeout_s: float = COMMAND_TIMEOUT_S) -> str:
-    """Run a system command; returns its error, or "" on success."""
+@dataclass(frozen=True)
+class CommandResult:
+    """What a system command printed, or its error."""
+
+    output: str = ""
+    error: str = ""
+
+
+def run_command(*command: str, timeout_s: float = COMMAND_TIMEOUT_S) -> CommandResult:
+    """Run a system command, which may not be installed."""
     command_line = " ".join(command)
     if shutil.which(command[0]) is None:
-        return f"{command[0]} is not installed here"
+        return CommandResult(error=f"{command[0]} is not installed here")
     try:
         process = subprocess.run(
             command, capture_output=True, text=True, timeout=timeout_s, check=False
         )
     except (OSError, subprocess.TimeoutExpired) as error:
-        return f"`{command_line}`: {error}"
+        return CommandResult(error=f"`{command_line}`: {error}")
     if process.returncode == 0:
-        return ""
-    return f"`{command_line}` failed: {' '.join(process.stderr.split())}"
+        return CommandResult(process.stdout)
+    return CommandResult(error=f"`{command_line}` failed: {' '.join(process.stderr.split())}")

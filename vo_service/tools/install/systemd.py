@@ -114,7 +114,7 @@ class Systemd:
         print_line(f"{unit.unit_name}: starting; the first time, kernels are compiled ...")
         error = run_command(
             "systemctl", "enable", "--now", unit.unit_name, timeout_s=START_TIMEOUT_S
-        )
+        ).error
         if error:
             raise UserFacingError(f"{error}; see: journalctl -u {unit.unit_name} -n 20")
         print_line(f"{unit.unit_name}: enabled and running")
@@ -160,6 +160,6 @@ def list_enabled_units(root: Path) -> list[str]:
 
 
 def _run_or_raise(*command: str, timeout_s: float = STOP_TIMEOUT_S) -> None:
-    error = run_command(*command, timeout_s=timeout_s)
+    error = run_command(*command, timeout_s=timeout_s).error
     if error:
         raise UserFacingError(f"{error}; fix this and re-run")

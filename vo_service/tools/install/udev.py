@@ -64,7 +64,7 @@ def install(root: Path) -> list[Path]:
     Raises:
         UserFacingError: A file cannot be written. It names the command for root if needed.
     """
-    return _change_files(root, "install", lambda path, text: write_file(path, text))
+    return _change_files(root, "install", write_file)
 
 
 def uninstall(root: Path) -> list[Path]:
@@ -92,9 +92,9 @@ def _change_files(root: Path, action: str, change: Callable[[Path, str], bool]) 
 
 def apply_rules() -> str:
     """Reload udev's rules and unload the webcam driver; returns the errors, or ""."""
-    errors = [run_command("udevadm", "control", "--reload")]
+    errors = [run_command("udevadm", "control", "--reload").error]
     if _is_loaded(KERNEL_DRIVER):
-        errors.append(run_command("modprobe", "--remove", KERNEL_DRIVER))
+        errors.append(run_command("modprobe", "--remove", KERNEL_DRIVER).error)
     return "; ".join(error for error in errors if error)
 
 

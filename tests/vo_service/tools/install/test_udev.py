@@ -12,6 +12,7 @@ from drivers.kinect_usb.usb_ids import SUPPORTED_IDS, UsbId
 from tests.mount_namespace import AS_MAPPED_ROOT, need_mounts
 from tests.simulators.requirements import require_program
 from vo_service.tools.install import udev
+from vo_service.tools.install.system_files import run_command
 from vo_service.tools.install.udev import (
     RULES_FILE,
     format_rules,
@@ -109,6 +110,14 @@ def test_the_error_names_the_command_for_root(
     command = f"only root may .*; run: sudo .*udev install --root {tmp_path}$"
     with pytest.raises(UserFacingError, match=command):
         install(tmp_path)
+
+
+@pytest.mark.subprocess
+def test_the_error_of_a_missing_or_failing_command_is_one_line() -> None:
+    assert run_command("no-such-command-here").error == "no-such-command-here is not installed here"
+    assert run_command("ls", "/nowhere").error.startswith("`ls /nowhere` failed: ls: ")
+    assert run_command("sleep", "9", timeout_s=0.01).error.startswith("`sleep 9`: ")
+    assert run_command("echo", "hello").output == "hello\n"
 
 
 def test_a_tree_that_is_a_file_is_reported(tmp_path: Path) -> None:

@@ -1,12 +1,11 @@
 """``kinect-vo certificates``: make keys and certificates for a test network."""
 
-import argparse
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 from drivers.core import InputError
-from vo_service.cli.request import CommandRequest, Option, argument, option
+from vo_service.cli.request import CommandRequest, Option, argument, number_parser, option
 from vo_service.tools.certificates import AUTHORITY_DAYS, CertificateAuthority
 
 EPILOG = f"""\
@@ -27,12 +26,11 @@ company's own authority works as well: EC keys in PKCS#8, host names in subjectA
 """
 
 
-def _parse_days(text: str) -> int:
-    if not text.isdecimal() or not 1 <= int(text) <= AUTHORITY_DAYS:
-        raise argparse.ArgumentTypeError(
-            f"{text} is not a number of days: give 1 to {AUTHORITY_DAYS}"
-        )
-    return int(text)
+_parse_days = number_parser(
+    int,
+    lambda value: 1 <= value <= AUTHORITY_DAYS,
+    f"is not a number of days: give 1 to {AUTHORITY_DAYS}",
+)
 
 
 def _clients(who: str) -> Option:

@@ -76,11 +76,7 @@ class _OneLineErrorParser(argparse.ArgumentParser):
 
 
 def main(argv: Sequence[str] | None = None) -> NoReturn:
-    """Run a command; never returns.
-
-    Args:
-        argv: Arguments of the command line, without the program; None: those of the process.
-    """
+    """Run the command of these arguments, or of the process's; never returns."""
     _reopen_closed_streams()
     try:
         with log_to_stderr(), redirect_stdout(cast(TextIO, _NamedStandardOutput(sys.stdout))):
@@ -196,11 +192,7 @@ def _discard_buffered_output() -> None:
 
 
 def make_parser(with_options: Collection[str] = tuple(COMMANDS)) -> argparse.ArgumentParser:
-    """Make the parser of all commands.
-
-    Args:
-        with_options: Commands whose modules are imported, for their options.
-    """
+    """Make the parser of all commands; the modules of some are imported, for their options."""
     parser = _OneLineErrorParser(
         prog="kinect-vo",
         usage="kinect-vo [-h] [--version] COMMAND ...",

@@ -1,6 +1,5 @@
 """``kinect-vo listen``: print the poses that a running kinect-vo publishes."""
 
-import argparse
 import json
 import math
 import sys
@@ -16,7 +15,7 @@ from drivers.core.geometry import Array
 from drivers.ros_messages.decoding import decode_odometry, decode_transform
 from drivers.ros_messages.navigation import OdometryMessage, TransformMessage
 from vo_service.cli.options import DEFAULT_PREFIX, ClientConfigFile, ClientPrefix, Connect
-from vo_service.cli.request import CommandRequest, flag, option
+from vo_service.cli.request import CommandRequest, flag, number_parser, option
 from vo_service.client.connection import BackgroundConnection
 from vo_service.config_tables import DEFAULT_ENDPOINT, ZenohConfig, check_prefix
 from vo_service.outputs.zenoh.addresses import check_endpoint
@@ -122,10 +121,9 @@ class JsonPosePrinter:
 PosePrinter = TextPosePrinter | JsonPosePrinter
 
 
-def _parse_count(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text} is not a number of poses: give 1 or more")
-    return int(text)
+_parse_count = number_parser(
+    int, lambda value: value >= 1, "is not a number of poses: give 1 or more"
+)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,16 +1,22 @@
 """Options that several commands have, and their effect on the configuration."""
 
 import argparse
-import math
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 from drivers.camera import PlaybackMode
 from drivers.registry import describe_cameras
-from vo_service.cli.request import Argument, CommandRequest, Option, config_option, with_options
+from vo_service.cli.request import (
+    Argument,
+    CommandRequest,
+    Option,
+    config_option,
+    number_parser,
+    with_options,
+)
 from vo_service.config import Config, read_config
 from vo_service.config_tables import LogConfig, LogLevel, ZenohConfig
 from vo_service.odometry.registry import METHODS, PROFILES, TIMING_MODES
@@ -31,41 +37,24 @@ def parse_playback_mode(text: str) -> PlaybackMode:
         ) from error
 
 
-def _checked_number(is_valid: Callable[[float], bool], error: str) -> Callable[[str], float]:
-    """Make the parser of a number; it raises ArgumentTypeError unless `is_valid` accepts it."""
-
-    def parse(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not is_valid(value):
-            raise argparse.ArgumentTypeError(f"{text} {error}")
-        return value
-
-    return parse
-
-
-parse_seconds = _checked_number(
-    lambda value: 0 < value < 1e9, "is not a duration: give seconds, more than 0"
+parse_seconds = number_parser(
+    float, lambda value: 0 < value < 1e9, "is not a duration: give seconds, more than 0"
 )
-parse_finite = _checked_number(lambda value: abs(value) < 1e11, "is not a number of seconds")
-parse_length_m = _checked_number(
-    lambda value: 0.001 <= value <= 1.0, "is out of range: give meters, such as 0.025 for 25 mm"
+parse_finite = number_parser(float, lambda value: abs(value) < 1e11, "is not a number of seconds")
+parse_length_m = number_parser(
+    float,
+    lambda value: 0.001 <= value <= 1.0,
+    "is out of range: give meters, such as 0.025 for 25 mm",
 )
-parse_height_m = _checked_number(
-    lambda value: 0.0 < value <= 100.0, "is not a height: give meters, more than 0"
+parse_height_m = number_parser(
+    float, lambda value: 0.0 < value <= 100.0, "is not a height: give meters, more than 0"
 )
-parse_tilt_deg = _checked_number(
-    lambda value: abs(value) <= 90.0, "is not a tilt: give degrees from -90 to 90"
+parse_tilt_deg = number_parser(
+    float, lambda value: abs(value) <= 90.0, "is not a tilt: give degrees from -90 to 90"
 )
-
-
-def parse_count(text: str) -> int:
-    """Parse a whole number, 1 or more; raise ArgumentTypeError if it is none."""
-    if not (text.isascii() and text.isdigit() and int(text[:9]) > 0):
-        raise argparse.ArgumentTypeError(f"{text} is not a count: give a whole number, 1 or more")
-    return int(text)
+parse_count = number_parser(
+    int, lambda value: value >= 1, "is not a count: give a whole number, 1 or more"
+)
 
 
 def _parse_source(text: str) -> str:

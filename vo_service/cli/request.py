@@ -17,6 +17,8 @@ from vo_service.config import Config, replace_key
 
 # Of an `Option` in the metadata of a field. Options of several requests are in its type, Annotated.
 _KEY = "option"
+# Of an option without a limit of its own.
+MAX_WHOLE_NUMBER = 9_999_999
 
 
 @dataclass(frozen=True)
@@ -164,7 +166,7 @@ def _count_values(field: TypedField, option: Option) -> dict[str, Any]:
 
 def _parser_of(item: type[Any], option: Option) -> Callable[[str], Any]:
     if item is int or item is float:
-        return _number_parser(item, option)
+        return _limited_number_parser(item, option)
     return _parse_path if item is Path else str
 
 
@@ -175,20 +177,31 @@ def _parse_path(text: str) -> Path:
     return Path(text)
 
 
-def _number_parser(kind: type[Any], option: Option) -> Callable[[str], Any]:
+def _limited_number_parser(kind: type[Any], option: Option) -> Callable[[str], Any]:
     """Make the parser of a number within the limits of an option."""
     low, high = option.minimum, option.maximum
     wanted = f"{low:g} to {high:g}" if high < math.inf else f"{low:g} or more"
     wanted += ", a whole number" if kind is int else ""
+    high = min(high, MAX_WHOLE_NUMBER) if kind is int else high
+    error = f"is not {option.noun}: give {wanted}"
+    return number_parser(kind, lambda value: low <= value <= high, error)
+
+
+def number_parser(
+    kind: type[Any], is_valid: Callable[[float], bool], error: str
+) -> Callable[[str], Any]:
+    """Make the parser of a number; it raises ArgumentTypeError with the error for all else.
+
+    A whole number has digits only, and no sign.
+    """
 
     def parse(text: str) -> Any:
         try:
-            is_valid = kind is float or (text.isascii() and text.isdigit() and len(text) < 8)
-            value = kind(text) if is_valid else math.nan
+            value = kind(text) if kind is float or (text.isascii() and text.isdigit()) else math.nan
         except ValueError:
             value = math.nan
-        if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"{text} is not {option.noun}: give {wanted}")
+        if not is_valid(value):
+            raise argparse.ArgumentTypeError(f"{text} {error}")
         return value
 
     return parse

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.vo_service.cli.cli_runner import KinectVo
+from tests.vo_service.cli.cli_runner import KinectVo, assert_one_line
 
 
 @pytest.mark.subprocess
@@ -24,7 +24,6 @@ def test_the_purpose_of_each_file_is_printed(tmp_path: Path, kinect_vo: KinectVo
 @pytest.mark.parametrize(
     ("names", "words"),
     [
-        ((), "nothing to make"),
         (("--reader", "a/b"), "is not a valid certificate name"),
         (("--reader", "same", "--operator", "same"), "same is given twice"),
         (("--reader", "fine", "--days", "0"), "is not a number of days"),
@@ -34,8 +33,5 @@ def test_the_purpose_of_each_file_is_printed(tmp_path: Path, kinect_vo: KinectVo
 def test_an_error_is_one_line_and_creates_nothing(
     tmp_path: Path, kinect_vo: KinectVo, names: tuple[str, ...], words: str
 ) -> None:
-    outcome = kinect_vo("certificates", tmp_path / "keys", *names)
-    assert outcome.code == 2
-    assert words in outcome.err
-    assert outcome.err.count("\n") == 1
+    assert_one_line(kinect_vo("certificates", tmp_path / "keys", *names), 2, words)
     assert not (tmp_path / "keys").exists()

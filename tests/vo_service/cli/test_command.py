@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.vo_service.cli.cli_runner import KinectVo
+from tests.vo_service.cli.cli_runner import KinectVo, assert_one_line
 from tests.vo_service.client.fake_service import find_free_endpoint, running_fake_service
 
 pytestmark = pytest.mark.zenoh
@@ -22,5 +22,4 @@ def test_an_unreadable_reply_is_one_line(kinect_vo: KinectVo) -> None:
     with running_fake_service(endpoint) as service:
         service.answer_with("command/pause", {"schema": 9})
         outcome = kinect_vo("command", "pause", "--connect", endpoint)
-    assert outcome.err.startswith("kinect-vo: error: pause: the reply cannot be read: a message")
-    assert (outcome.err.count("\n"), outcome.code) == (1, 1)
+    assert_one_line(outcome, 1, "error: pause: the reply cannot be read: a message")

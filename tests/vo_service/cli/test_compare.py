@@ -43,12 +43,8 @@ def test_a_comparison_gives_a_report_and_the_poses_of_a_replay(
     assert (done.code, done.error_lines) == (0, "")
     assert json.loads(done.out) == json.loads((output / "report.json").read_text())
     surf = json.loads(done.out)["sequences"][0]["methods"]["surf"]
-    assert (surf["state"], surf["frames"], surf["failed"], surf["coverage"]) == (
-        "done",
-        FRAMES,
-        0,
-        1.0,
-    )
+    figures = [surf[key] for key in ("state", "frames", "failed", "coverage")]
+    assert figures == ["done", FRAMES, 0, 1.0]
     assert 0 < surf["mean_global_error_m"] < 0.003
     assert 0 < surf["cpu_ms_median"] <= surf["cpu_ms_p99"]
     assert (output / "report.html").stat().st_size > 10_000
@@ -173,9 +169,7 @@ def test_invalid_input_is_one_line_before_any_run(
     copy_recording()
     (tmp_path / "file").touch()
     monkeypatch.chdir(tmp_path)
-    done = kinect_vo("compare", *arguments)
-    assert (done.code, done.out, done.err.count("\n")) == (2, "", 1)
-    assert message in done.err
+    assert_one_line(kinect_vo("compare", *arguments), 2, message)
     assert {path.name for path in tmp_path.iterdir()} <= {"cache", "corner", "file"}
 
 

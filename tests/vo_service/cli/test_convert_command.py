@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.vo_service.cli.cli_runner import KinectVo
+from tests.vo_service.cli.cli_runner import KinectVo, assert_one_line
 
 pytestmark = pytest.mark.slow
 
@@ -59,7 +59,4 @@ def test_the_topics_are_named_and_the_true_poses_are_compared(
     ],
 )
 def test_wrong_input_is_one_line(command: list[str], message: str, kinect_vo: KinectVo) -> None:
-    outcome = kinect_vo(*command)
-    assert outcome.code == 2
-    assert outcome.err.startswith(f"kinect-vo: error: {message}")
-    assert outcome.err.count("\n") == 1
+    assert_one_line(kinect_vo(*command), 2, f"error: {message}")

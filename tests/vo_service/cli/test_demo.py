@@ -9,7 +9,7 @@ import pytest
 from drivers.camera import PinholeCamera
 from drivers.core.geometry import read_trajectory
 from drivers.synthetic.config import SyntheticConfig
-from tests.vo_service.cli.cli_runner import KinectVo
+from tests.vo_service.cli.cli_runner import KinectVo, assert_one_line
 from vo_service.cli import demo
 
 pytestmark = [pytest.mark.subprocess, pytest.mark.zenoh]
@@ -66,5 +66,4 @@ def test_an_output_folder_that_cannot_be_created_is_one_line_before_rendering(
 ) -> None:
     (tmp_path / "file").touch()
     outcome = kinect_vo("demo", "--output", tmp_path / "file" / "demo")
-    assert (outcome.code, outcome.err.count("\n")) == (2, 1)
-    assert "demo: cannot be written: Not a directory" in outcome.err
+    assert_one_line(outcome, 2, "demo: cannot be written: Not a directory")

@@ -240,6 +240,5 @@ def test_a_full_disk_is_one_line_and_leaves_no_partial_file(
     truth, given = recording / "groundtruth.txt", ("--output", tmp_path / "output", *COARSE)
     with limit_file_size(20_000):
         outcome = kinect_vo("reconstruct", recording, truth, *given)
-    assert (outcome.code, outcome.out, outcome.err.count("\n")) == (1, "", 1)
-    assert f"{tmp_path / 'output' / 'map.ply'}: the disk is full" in outcome.err
+    assert_one_line(outcome, 1, f"{tmp_path / 'output' / 'map.ply'}: the disk is full")
     assert names(tmp_path / "output") == []

@@ -136,14 +136,8 @@ def test_a_late_or_reconnected_camera_is_recorded(
 def test_a_recording_of_a_disconnected_camera_is_complete(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kinect_vo: KinectVo
 ) -> None:
-    have_camera(
-        monkeypatch,
-        make_frame(1),
-        make_frame(2),
-        MISSING,
-        Delay(11.0, FrameTimeout()),
-        make_frame(3),
-    )
+    frames, pause = [make_frame(k) for k in (1, 2, 3)], Delay(11.0, FrameTimeout())
+    have_camera(monkeypatch, *frames[:2], MISSING, pause, frames[2])
     outcome = kinect_vo("record", tmp_path / "new")
     assert outcome.code == 1
     assert "plug one in; the frames recorded so far are complete\n" in outcome.err

@@ -225,7 +225,7 @@ def test_a_recording_is_not_overwritten_by_its_own_trajectory(
     folder = copy_recording()
     before = (folder / "groundtruth.txt").read_bytes()
     outcome = kinect_vo("replay", folder, "--trajectory", folder / "groundtruth.txt")
-    assert (outcome.code, outcome.out, outcome.err.count("\n")) == (2, "", 1)
+    assert_one_line(outcome, 2, "groundtruth.txt: belongs to the recording; name another file")
     assert (folder / "groundtruth.txt").read_bytes() == before
 
 

@@ -10,7 +10,12 @@ import numpy as np
 import pytest
 
 from drivers.core.geometry import read_trajectory
-from tests.vo_service.cli.cli_runner import CommandResult, KinectVo, run_subprocess
+from tests.vo_service.cli.cli_runner import (
+    CommandResult,
+    KinectVo,
+    assert_one_line,
+    run_subprocess,
+)
 from tests.vo_service.cli.loop_recording import FRAME_COUNT, write_loop_recording
 from vo_service.cli import replay
 
@@ -118,7 +123,6 @@ def test_an_unwritable_optimized_trajectory_is_rejected_before_the_run(
     monkeypatch.delattr(replay, "prepare_kernels")
     (tmp_path / "file").touch()
     outcome = kinect_vo("replay", recording, *GIVEN, tmp_path / path)
-    assert (outcome.code, outcome.out, outcome.err.count("\n")) == (2, "", 1)
+    assert_one_line(outcome, 2, message)
     assert f"{tmp_path / path}: " in outcome.err
-    assert message in outcome.err
     assert not list(tmp_path.glob("*.txt"))

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.vo_service.cli.cli_runner import KinectVo, run_subprocess
+from tests.vo_service.cli.cli_runner import KinectVo, assert_one_line, run_subprocess
 
 
 @pytest.mark.subprocess
@@ -30,9 +30,8 @@ def test_without_the_node_one_line_says_what_to_install(
     kinect_vo: KinectVo, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PATH", "/nonexistent")
-    outcome = kinect_vo("ros2")
-    assert outcome.code == 1
-    assert outcome.error_lines == (
-        "kinect-vo: error: kinect-vo-ros2 is not installed: with ROS 2 sourced, run python3 -m pip "
-        "install kinect-vo-ros2 (docs/guide/ros2.md)\n"
+    message = (
+        "kinect-vo-ros2 is not installed: with ROS 2 sourced, run python3 -m pip install "
+        "kinect-vo-ros2 (docs/guide/ros2.md)"
     )
+    assert_one_line(kinect_vo("ros2"), 1, message)

@@ -3,22 +3,21 @@
 import heapq
 import logging
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, contextmanager
 from decimal import Decimal
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from drivers.calibration import CameraCalibration
 from drivers.core import InputError
 from drivers.core.files import PARTIAL_SUFFIX, check_suffix, partial_folder
-from drivers.core.geometry import T_BODY_CAMERA, Trajectory, Vector
+from drivers.core.geometry import T_BODY_CAMERA, Array
 from drivers.core.write_errors import writing
 from drivers.playback.frame_reader import FrameReader
 from drivers.playback.recording_formats import check_bag_packages, read_recorded_odometry
-from drivers.recording.accelerometer import AccelerometerSeries
 from drivers.recording.frame_encoding import FrameStamps, calibration_of_frame
 from drivers.recording.image_decoding import UnreadableFrameError
 from drivers.recording.odometry import ODOMETRY_TOPIC
@@ -175,24 +174,24 @@ def _write_others_before(
 
 
 def _series(recording: Recording, sink: RecordingSink) -> Iterator[_Event]:
-    """Yield the readings, gravity and true poses."""
-    return heapq.merge(
-        _readings(recording.accelerometer, sink),
-        _gravity(recording.gravity, sink),
-        _true_poses(recording.ground_truth, sink),
-        _odometry(recording, sink),
-        key=lambda event: event[0],
-    )
+    """Yield the readings, gravity, true poses and odometry."""
+    readings, gravity, truth = recording.accelerometer, recording.gravity, recording.ground_truth
+    vectors = map(tuple, readings.acceleration_m_s2.tolist())
+    events = [_events(readings.stamps_s, vectors, sink.write_reading)]
+    if gravity is not None:
+        vectors = map(tuple, (-gravity.acceleration_m_s2).tolist())
+        events.append(_events(gravity.stamps_s, vectors, sink.write_gravity))
+    if truth is not None:
+        events.append(_events(truth.stamps_s, truth.T_world_camera, sink.write_true_pose))
+    return heapq.merge(*events, _odometry(recording, sink), key=lambda event: event[0])
 
 
-def _readings(series: AccelerometerSeries, sink: RecordingSink) -> Iterator[_Event]:
-    for stamp, acceleration in _rows(series):
-        yield stamp, partial(sink.write_reading, stamp, acceleration)
-
-
-def _gravity(series: AccelerometerSeries | None, sink: RecordingSink) -> Iterator[_Event]:
-    for stamp, (x, y, z) in () if series is None else _rows(series):
-        yield stamp, partial(sink.write_gravity, stamp, (-x, -y, -z))
+def _events(
+    stamps_s: Array, values: Iterable[Any], write: Callable[[Decimal, Any], None]
+) -> Iterator[_Event]:
+    for stamp_s, value in zip(stamps_s, values, strict=True):
+        stamp = Decimal(repr(float(stamp_s)))
+        yield stamp, partial(write, stamp, value)
 
 
 def _odometry(recording: Recording, sink: RecordingSink) -> Iterator[_Event]:
@@ -205,19 +204,6 @@ def _odometry(recording: Recording, sink: RecordingSink) -> Iterator[_Event]:
             )
             continue
         yield stamp, partial(sink.write_odometry, stamp, message)
-
-
-def _rows(series: AccelerometerSeries) -> Iterator[tuple[Decimal, Vector]]:
-    for stamp_s, (x, y, z) in zip(series.stamps_s, series.acceleration_m_s2.tolist(), strict=True):
-        yield Decimal(repr(float(stamp_s))), (x, y, z)
-
-
-def _true_poses(truth: Trajectory | None, sink: RecordingSink) -> Iterator[_Event]:
-    if truth is None:
-        return
-    for stamp_s, T_world_camera in zip(truth.stamps_s, truth.T_world_camera, strict=True):
-        stamp = Decimal(repr(float(stamp_s)))
-        yield stamp, partial(sink.write_true_pose, stamp, T_world_camera)
 
 
 @contextmanager

@@ -17,15 +17,14 @@ from vo_service.odometry.warm_up import warm_up
 from vo_service.tools.compare.baselines.orb_slam import OrbSlamFactory
 from vo_service.tools.compare.baselines.orb_vocabulary import VocabularyFile
 from vo_service.tools.compare.baselines.registry import (
-    BASELINE_NAMES,
+    BASELINES,
     ORB_SLAM3,
     BaselineFactory,
     BaselinePackage,
-    find_package,
 )
 from vo_service.types.odometry import Odometry, StageTimer
 
-METHOD_NAMES = (*METHODS, *BASELINE_NAMES)
+METHOD_NAMES = (*METHODS, *BASELINES)
 
 
 class GroundTruthDistance:
@@ -139,8 +138,8 @@ def find_unavailable_methods(names: Sequence[str]) -> list[UnavailableMethods]:
     """Return one entry per missing package."""
     missing: dict[BaselinePackage, list[str]] = {}
     for name in names:
-        if name in BASELINE_NAMES and not find_package(name).is_installed:
-            missing.setdefault(find_package(name), []).append(name)
+        if name in BASELINES and not BASELINES[name].is_installed:
+            missing.setdefault(BASELINES[name], []).append(name)
     return [UnavailableMethods(package, methods) for package, methods in missing.items()]
 
 

@@ -213,30 +213,6 @@ def _relative_poses(T_world_camera: Array, pairs: PosePairs) -> Array:
     return np.asarray(np.linalg.solve(earlier, later), np.float64)
 
 
-@dataclass(frozen=True)
-class ErrorSeries:
-    """Errors of M matched poses.
-
-    Attributes:
-        stamps_s: (M,) stamps of the poses.
-        global_error_m: (M,) distance from the truth after alignment of the first matched poses.
-        step_errors: (M - 1,) error of each motion from one pose to the next.
-    """
-
-    stamps_s: Array
-    global_error_m: Array
-    step_errors: RelativeErrors
-
-
-def error_series(matched: MatchedPoses) -> ErrorSeries:
-    """Return the errors behind the mean global error (mean) and the RPE of one frame (RMS)."""
-    return ErrorSeries(
-        matched.stamps_s,
-        position_errors_m(matched, first_pose_alignment(matched)),
-        relative_errors(matched, consecutive_pairs(matched)),
-    )
-
-
 def tracked_steps(matched: MatchedPoses, stamps_s: Array, epochs: NDArray[np.int64]) -> PosePairs:
     """Pair each matched pose with the next pose of its trajectory, where both have truth.
 

@@ -6,35 +6,12 @@ import numpy as np
 import pytest
 
 from drivers.calibration import read_calibration
-from drivers.camera import (
-    CameraCounters,
-    CameraState,
-    CameraStatus,
-    Clock,
-    FrameTimeout,
-    RgbdCamera,
-    RgbdFrame,
-)
+from drivers.camera import CameraState, CameraStatus, FrameTimeout
 from drivers.core import CameraError
 from drivers.rectify import SoftwareRegistration, Undistorter
+from tests.vo_service.fakes import Delay, FakeClock, ScriptedCamera
 from vo_service.tools.calibration import collect_live
 from vo_service.tools.calibration.collect_live import read_frames, write_raw_camera_file
-
-
-class SilentCamera(RgbdCamera):
-    """Camera that opens and never sends a frame."""
-
-    name, clock, counters = "silent", Clock.MONOTONIC, CameraCounters()
-    status = CameraStatus(CameraState.ABSENT, "no Kinect is plugged in")
-
-    def open(self) -> None:
-        pass
-
-    def read(self, timeout_s: float) -> RgbdFrame:
-        raise FrameTimeout
-
-    def close(self) -> None:
-        pass
 
 
 def test_with_the_raw_camera_file_depth_does_not_change() -> None:
@@ -56,15 +33,17 @@ def test_with_the_raw_camera_file_color_is_not_undistorted() -> None:
     assert camera.depth is None
 
 
-def test_a_silent_camera_fails_with_its_reason(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(collect_live, "FRAME_TIMEOUT_S", 0.0)
-    with pytest.raises(CameraError, match="silent: no Kinect is plugged in"):
-        list(read_frames(SilentCamera(), threading.Event()))
+def test_a_silent_camera_fails_with_its_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = FakeClock()
+    monkeypatch.setattr(collect_live, "time", clock)
+    silent = CameraStatus(CameraState.ABSENT, "no Kinect is plugged in")
+    camera = ScriptedCamera([silent, Delay(15.1, FrameTimeout())], clock=clock)
+    with camera, pytest.raises(CameraError, match="scripted: no Kinect is plugged in"):
+        list(read_frames(camera, threading.Event()))
 
 
 def test_a_stop_ends_the_frames() -> None:
     stop = threading.Event()
     stop.set()
-    assert list(read_frames(SilentCamera(), stop)) == []
+    with ScriptedCamera([FrameTimeout()]) as camera:
+        assert list(read_frames(camera, stop)) == []

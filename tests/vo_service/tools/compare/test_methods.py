@@ -16,7 +16,6 @@ from vo_service.odometry.sfm.odometry import SfmOdometry
 from vo_service.odometry.surf.odometry import SurfOdometry
 from vo_service.tools.compare.baselines.registry import (
     BASELINES,
-    ORB_SLAM3,
     BaselineFactory,
     BaselinePackage,
 )
@@ -43,7 +42,7 @@ def missing_package(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_our_methods_come_first_and_then_the_baselines() -> None:
-    assert (*METHODS, *BASELINES, ORB_SLAM3) == METHOD_NAMES
+    assert (*METHODS, *BASELINES) == METHOD_NAMES
     assert find_unavailable_methods(["surf", "cv2-rgb", "orb"]) == []
     odometry = OdometryConfig(feature_count=500)
     factories = make_method_factories(["orb", "icp"], [], odometry)

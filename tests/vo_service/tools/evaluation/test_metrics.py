@@ -10,17 +10,13 @@ from drivers.core.geometry import Trajectory, nearest_indices, rigid_transform, 
 from tests.vo_service.tools.evaluation.sample_trajectories import (
     match_poses,
     moving_along_x,
-    noisy_copy,
     poses_at,
-    random_walk,
 )
-from vo_service.tools.evaluation.evaluation import evaluate
 from vo_service.tools.evaluation.metrics import (
     associate,
     best_alignment,
     count_gross_errors,
     coverage,
-    error_series,
     first_pose_alignment,
     pairs_one_second_apart,
     position_errors_m,
@@ -108,18 +104,6 @@ def test_the_error_over_a_second_by_hand() -> None:
     assert rms(errors.translation_m) == pytest.approx(0.2886751)
     assert rms(errors.rotation_deg) == pytest.approx(12.9099445)
     assert rms(np.array([])) is None
-
-
-def test_their_means_are_the_metrics_of_the_evaluation() -> None:
-    rng = np.random.default_rng(3)
-    truth = random_walk(rng, np.arange(60) / 30)
-    trajectory = noisy_copy(rng, truth, truth.stamps_s[::2], np.eye(4))
-    series, evaluation = error_series(associate(trajectory, truth)), evaluate(trajectory, truth)
-    assert (len(series.global_error_m), len(series.step_errors.translation_m)) == (30, 29)
-    assert np.mean(series.global_error_m) == pytest.approx(evaluation.mean_global_error_m)
-    assert series.global_error_m[0] == pytest.approx(0.0, abs=1e-12)
-    assert rms(series.step_errors.translation_m) == pytest.approx(evaluation.rpe_frame_m)
-    assert rms(series.step_errors.rotation_deg) == pytest.approx(evaluation.rpe_frame_deg)
 
 
 def count_errors_and_steps(

@@ -303,7 +303,7 @@ def orb_odometry(count: int, stopwatch: StageTimer) -> SurfOdometry:
 def make_baseline(
     name: str, library: ModuleType, feature_count: int, stopwatch: StageTimer
 ) -> Odometry:
-    """Make one of `BASELINES` with its library; the count is for those that use features."""
+    """Make a baseline other than ORB-SLAM3; the count is for those that use features."""
     method: PairwiseMethod
     match name:
         case "sift":

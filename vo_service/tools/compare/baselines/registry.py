@@ -55,7 +55,9 @@ SMALL_GICP = BaselinePackage("small_gicp", ("small-gicp",))
 PYORBSLAM3 = BaselinePackage("pyorbslam3", ("pyorbslam3",))
 
 
-# Their makers are in `frame_to_frame`, which imports OpenCV.
+# It has a factory of its own, because it needs the recording.
+ORB_SLAM3 = "orb-slam3"
+# The makers of the others are in `frame_to_frame`, which imports OpenCV.
 BASELINES: Mapping[str, BaselinePackage] = {
     "cv2-rgb": OPENCV,
     "cv2-rgb-depth": OPENCV,
@@ -65,15 +67,8 @@ BASELINES: Mapping[str, BaselinePackage] = {
     "small-gicp": SMALL_GICP,
     "sift": OPENCV,
     "orb": OPENCV,
+    ORB_SLAM3: PYORBSLAM3,
 }
-# It has a factory of its own, because it needs the recording.
-ORB_SLAM3 = "orb-slam3"
-BASELINE_NAMES = (*BASELINES, ORB_SLAM3)
-
-
-def find_package(name: str) -> BaselinePackage:
-    """Return the package of one of `BASELINE_NAMES`."""
-    return PYORBSLAM3 if name == ORB_SLAM3 else BASELINES[name]
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,13 @@ import numpy as np
 from drivers.core.geometry import Array, Trajectory, inverse, nearest_indices
 from vo_service.figures import new_figure, render_figure
 from vo_service.tools.compare.results import SequenceResults
-from vo_service.tools.evaluation.metrics import ErrorSeries, error_series, first_pose_alignment
+from vo_service.tools.evaluation.metrics import (
+    MatchedPoses,
+    consecutive_pairs,
+    first_pose_alignment,
+    position_errors_m,
+    relative_errors,
+)
 from vo_service.tools.evaluation.plot import (
     GROUND_TRUTH_STYLE,
     crop_trajectory,
@@ -84,14 +90,14 @@ def make_figures(result: SequenceResults) -> Iterator[NamedFigure]:
 
 def make_error_figures(result: SequenceResults) -> Iterator[NamedFigure]:
     """Yield the figures of step errors and global errors; none without an evaluation."""
-    series = {
-        method: error_series(evaluation.matched)
+    poses = {
+        method: evaluation.matched
         for method, evaluation in result.evaluations.items()
         if evaluation.matched is not None
     }
-    if series:
-        yield NamedFigure("frame_error", _FRAME_CAPTION, _draw_step_errors(result, series))
-        yield NamedFigure("global_error", _GLOBAL_CAPTION, _draw_global_errors(result, series))
+    if poses:
+        yield NamedFigure("frame_error", _FRAME_CAPTION, _draw_step_errors(result, poses))
+        yield NamedFigure("global_error", _GLOBAL_CAPTION, _draw_global_errors(result, poses))
 
 
 _FRAME_CAPTION = (
@@ -108,35 +114,40 @@ _GLOBAL_CAPTION = (
 )
 
 
-def _draw_step_errors(result: SequenceResults, series: Mapping[str, ErrorSeries]) -> "Figure":
+def _draw_step_errors(result: SequenceResults, poses: Mapping[str, MatchedPoses]) -> "Figure":
     figure = new_figure(10, 6.5)
     above, below = figure.subplots(2, 1, sharex=True)
     label_axes(above, "", "", "error of a step (mm)")
     label_axes(below, "", "frame", "error of a step (degrees)")
-    for method, errors in series.items():
-        style, steps_s = line_style(result, method), errors.stamps_s[1:]
-        _draw_smoothed(above, result, steps_s, 1e3 * errors.step_errors.translation_m, style)
-        _draw_smoothed(below, result, steps_s, errors.step_errors.rotation_deg, style)
+    for method, matched in poses.items():
+        errors = relative_errors(matched, consecutive_pairs(matched))
+        style, steps_s = line_style(result, method), matched.stamps_s[1:]
+        _draw_smoothed(above, result, steps_s, 1e3 * errors.translation_m, style)
+        _draw_smoothed(below, result, steps_s, errors.rotation_deg, style)
     for plot in (above, below):
         _set_log_scale(plot)
-    _draw_annotations(figure, result, series)
+    _draw_annotations(figure, result, poses)
     return figure
 
 
-def _draw_global_errors(result: SequenceResults, series: Mapping[str, ErrorSeries]) -> "Figure":
+def _draw_global_errors(result: SequenceResults, poses: Mapping[str, MatchedPoses]) -> "Figure":
     figure = new_figure(10, 4.5)
     plot = figure.subplots()
-    largest = [float(errors.global_error_m.max()) for errors in series.values()]
+    errors_m = {
+        method: position_errors_m(matched, first_pose_alignment(matched))
+        for method, matched in poses.items()
+    }
+    largest = [float(values.max()) for values in errors_m.values()]
     is_log = max(largest) > MAX_LINEAR_RATIO * min(largest) > 0
     label_axes(plot, "", "frame", "distance from the truth (m)" + ", logarithmic" * is_log)
-    for method, errors in series.items():
-        values = _mask_non_positive(errors.global_error_m) if is_log else errors.global_error_m
-        _draw_values(plot, result, errors.stamps_s, values, line_style(result, method))
+    for method, values in errors_m.items():
+        shown = _mask_non_positive(values) if is_log else values
+        _draw_values(plot, result, poses[method].stamps_s, shown, line_style(result, method))
     if is_log:
         _set_log_scale(plot)
     else:
         plot.set_ylim(bottom=0)
-    _draw_annotations(figure, result, series)
+    _draw_annotations(figure, result, poses)
     return figure
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from drivers.core.config import SCHEMA_VERSION
 from vo_service.config import OdometryConfig
-from vo_service.tools.compare.baselines.registry import BASELINE_NAMES, find_package
+from vo_service.tools.compare.baselines.registry import BASELINES
 from vo_service.tools.compare.methods import SfmScale, UnavailableMethods
 from vo_service.tools.compare.observers import NULL_OBSERVER, ObserverFactory
 from vo_service.tools.compare.versions import collect_versions
@@ -51,7 +51,7 @@ class ReportMetadata:
     @property
     def versions(self) -> dict[str, str]:
         """Versions by name, also of the baselines' packages."""
-        packages = {find_package(name) for name in self.methods if name in BASELINE_NAMES}
+        packages = {BASELINES[name] for name in self.methods if name in BASELINES}
         baselines = {package.pip_names[0]: package.version for package in packages}
         return {**collect_versions(), **dict(sorted(baselines.items()))}
 

@@ -19,12 +19,7 @@ from vo_service.terminal import Terminal
 
 
 def prepare_kernels(config: Config, terminal: Terminal, stop: StopSignal) -> None:
-    """Compile or load the kernels of the configured method.
-
-    Raises:
-        KeyboardInterrupt: If a stop is requested.
-        UserFacingError: If the compiled kernels cannot be written.
-    """
+    """Compile or load the kernels of the configured method. Raises as `run_warm_up`."""
     compile_kernels([config.odometry.method], terminal, stop)
     load_kernels(config.odometry.method, stop.event)
     stop.check()

@@ -14,12 +14,7 @@ if TYPE_CHECKING:  # its libraries are slow to load
 def make_loop_closure(
     config: Config, terminal: Terminal, stop: StopSignal
 ) -> "SynchronousLoopClosure":
-    """Make loop closure with an empty map.
-
-    Raises:
-        KeyboardInterrupt: If a stop is requested.
-        UserFacingError: If the compiled kernels cannot be written.
-    """
+    """Make loop closure with an empty map. Raises as `run_warm_up`."""
     from vo_service.slam.synchronous_loop_closure import (
         create_synchronous_loop_closure,
         warm_up_loop_closure,

@@ -1,9 +1,11 @@
 """Surroundings for commands: a cache of their own, one set of compiled kernels, a free port."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from tests.forked_process import forked_probes
@@ -30,6 +32,15 @@ def fork_probes() -> Iterator[None]:
 def kinect_vo(capfd: pytest.CaptureFixture[str]) -> KinectVo:
     """Run a command in this process, as `run_in_process` does."""
     return partial(run_in_process, capfd)
+
+
+@pytest.fixture
+def blind_recording(copy_recording: Callable[..., Path]) -> Path:
+    """A recording without any reading of depth."""
+    folder = copy_recording()
+    for file in (folder / "depth").iterdir():
+        cv2.imwrite(str(file), np.full((240, 320), 65535, np.uint16))
+    return folder
 
 
 @pytest.fixture

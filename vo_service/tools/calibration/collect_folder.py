@@ -42,7 +42,6 @@ BOARD_NOT_FOUND_HINT = (
 class SnapshotFiles:
     """Images of one snapshot, not read yet; `depth` is None without depth."""
 
-    stamp_s: float
     color: RecordedImage
     depth: RecordedImage | None
 
@@ -59,14 +58,11 @@ def list_snapshot_files(folder: Path, with_depth: bool) -> list[SnapshotFiles]:
         raise InputError(f"{folder}: no such folder; check the path")
     if (folder / "associations.txt").exists() or with_depth:
         pairs = read_frame_pairs(folder).pairs
-        return [
-            SnapshotFiles(p.color.stamp_s, p.color, p.depth if with_depth else None) for p in pairs
-        ]
+        return [SnapshotFiles(pair.color, pair.depth if with_depth else None) for pair in pairs]
     if (folder / "rgb.txt").exists():
-        listed = read_image_list(folder / "rgb.txt")
-        return [SnapshotFiles(image.stamp_s, image, None) for image in listed]
+        return [SnapshotFiles(image, None) for image in read_image_list(folder / "rgb.txt")]
     return [
-        SnapshotFiles(float(n), ListedImage(Decimal(n), file, str(file)), None)
+        SnapshotFiles(ListedImage(Decimal(n), file, str(file)), None)
         for n, file in enumerate(_list_photographs(folder))
     ]
 
@@ -91,8 +87,9 @@ def read_snapshots(files: list[SnapshotFiles]) -> Iterator[Snapshot | None]:
     first: Snapshot | None = None
     for entry in files:
         try:
-            depth = NO_DEPTH if entry.depth is None else entry.depth.read_depth()
-            snapshot = Snapshot(entry.color.name, entry.stamp_s, entry.color.read_color(), depth)
+            color, depth = entry.color, entry.depth
+            depth_raw = NO_DEPTH if depth is None else depth.read_depth()
+            snapshot = Snapshot(color.name, color.stamp_s, color.read_color(), depth_raw)
         except UnreadableFrameError as error:
             _log.warning("an image is skipped: %s", error)
             yield None

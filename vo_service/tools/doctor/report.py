@@ -101,11 +101,7 @@ def _format_usb_device(device: KernelUsbDevice) -> str:
 
 
 def write_json(file: Path, content: object) -> None:
-    """Write a readable JSON file.
-
-    Raises:
-        OSError: If that fails.
-    """
+    """Write a readable JSON file. Raises OSError."""
     file.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n")
 
 
@@ -137,11 +133,7 @@ def open_bug_report(file: Path) -> Iterator[Path]:
 
 
 def add_report_contents(folder: Path, camera: RgbdCamera) -> str:
-    """Add the contents of a report; returns a phrase about the recorded frames.
-
-    Raises:
-        OSError: If that fails.
-    """
+    """Add the contents of a report; returns a phrase about the recorded frames. Raises OSError."""
     write_json(folder / "versions.json", collect_versions())
     (folder / "usb.txt").write_text(format_usb_listing(Path("/")))
     for name, text in read_journals().items():
@@ -180,11 +172,7 @@ class _LogFile(logging.FileHandler):
 
 @contextmanager
 def log_details_to(file: Path) -> Iterator[None]:
-    """Log everything to a file as well; other handlers do not change.
-
-    Raises:
-        OSError: If that fails.
-    """
+    """Log everything to a file as well; other handlers do not change. Raises OSError."""
     root = logging.getLogger()
     before = root.level
     detailed = _LogFile(file)

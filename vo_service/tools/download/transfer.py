@@ -70,11 +70,7 @@ class PartialFile:
         return ""
 
     def restart(self, url: str, validator: str) -> None:
-        """Truncate the file and store new metadata.
-
-        Raises:
-            UserFacingError: If that fails.
-        """
+        """Truncate the file and store new metadata. Raises UserFacingError."""
         try:
             self._file.truncate(0)
             atomic_write(self._metadata_path, json.dumps({"url": url, "mark": validator}).encode())

@@ -130,11 +130,7 @@ def install_program(root: Path, on_progress: Callable[[str], None]) -> bool:
 
 
 def remove_program(root: Path) -> bool:
-    """Remove the copy; returns False if there is none.
-
-    Raises:
-        OSError: If that fails.
-    """
+    """Remove the copy; returns False if there is none. Raises OSError."""
     target = root / PROGRAM_FOLDER
     if not target.exists():
         return False

@@ -20,11 +20,7 @@ class SystemFile:
 
 
 def write_file(path: Path, text: str) -> bool:
-    """Write a world-readable file; returns False if it already has this text.
-
-    Raises:
-        OSError: If that fails.
-    """
+    """Write a world-readable file; returns False if it already has this text. Raises OSError."""
     if path.is_file() and not path.is_symlink() and path.read_text() == text:
         return False
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -35,11 +31,7 @@ def write_file(path: Path, text: str) -> bool:
 
 
 def remove_file(path: Path) -> bool:
-    """Remove a file; returns False if it does not exist.
-
-    Raises:
-        OSError: If that fails.
-    """
+    """Remove a file; returns False if it does not exist. Raises OSError."""
     try:
         path.unlink()
     except FileNotFoundError:

@@ -68,11 +68,7 @@ def read_service_file(name: str) -> str:
 
 
 def link_command(root: Path) -> bool:
-    """Link ``kinect-vo`` into the PATH; returns False if the name exists.
-
-    Raises:
-        OSError: If that fails.
-    """
+    """Link ``kinect-vo`` into the PATH; returns False if the name exists. Raises OSError."""
     link = root / COMMAND_LINK
     if os.path.lexists(link):
         return False
@@ -82,11 +78,7 @@ def link_command(root: Path) -> bool:
 
 
 def unlink_command(root: Path) -> bool:
-    """Remove the link; returns False if it is not ours.
-
-    Raises:
-        OSError: If that fails.
-    """
+    """Remove the link; returns False if it is not ours. Raises OSError."""
     link = root / COMMAND_LINK
     if not link.is_symlink() or link.readlink() != Path("/") / SCRIPT_PATH:
         return False

@@ -56,7 +56,7 @@ def test_a_folder_of_photographs_is_enough(tmp_path: Path, subfolder: str) -> No
     (tmp_path / subfolder / "notes.txt").write_text("taken on Monday\n")
     files = list_snapshot_files(tmp_path, with_depth=False)
     assert [file.color.file.name for file in files] == ["a.png", "b.JPG"]
-    assert [file.stamp_s for file in files] == [0.0, 1.0]
+    assert [file.color.stamp_s for file in files] == [0.0, 1.0]
 
 
 def test_an_unreadable_image_is_skipped_and_logged(

@@ -86,11 +86,6 @@ def test_another_suffix_is_rejected(tmp_path: Path) -> None:
         write_plot(tmp_path / "walk.jpg", TRAJECTORY, TRUTH, "walk")
 
 
-def test_a_missing_folder_is_reported(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"gone/walk.png: cannot be written: there is no folder"):
-        write_plot(tmp_path / "gone" / "walk.png", TRAJECTORY, TRUTH, "walk")
-
-
 @pytest.mark.subprocess
 def test_drawing_needs_no_pyplot_and_evaluating_no_matplotlib() -> None:
     program = """

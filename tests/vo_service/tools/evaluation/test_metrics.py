@@ -65,14 +65,6 @@ def test_first_pose_alignment_turns_a_wrong_heading_into_an_error() -> None:
     assert position_errors_m(pairs, first_pose_alignment(pairs)) == pytest.approx(expected_m)
 
 
-def test_mean_global_error_grows_from_the_first_pose_on() -> None:
-    pairs = match_poses(
-        [0, 1, 2], OTHER_WORLD @ moving_along_x([0, 1.1, 2.2]), moving_along_x([5, 6, 7])
-    )
-    errors_m = position_errors_m(pairs, first_pose_alignment(pairs))
-    assert errors_m == pytest.approx([0, 0.1, 0.2])
-
-
 @pytest.mark.parametrize(
     ("stamps_s", "pairs"),
     [

@@ -35,11 +35,7 @@ from vo_service.tools.compare.methods import (
     make_method_factories,
 )
 from vo_service.tools.compare.observers import NULL_OBSERVER, LoopClosureObserverFactory
-from vo_service.tools.compare.recordings import (
-    BenchmarkRecording,
-    FrameSelection,
-    open_recordings,
-)
+from vo_service.tools.compare.recordings import BenchmarkRecording, FrameSelection, open_recordings
 from vo_service.tools.compare.report.metadata import ReportMetadata
 from vo_service.tools.compare.report.report_folder import PAGE_FILE, report_content, write_report
 from vo_service.tools.compare.report.tables import cost_table, error_table

@@ -7,11 +7,7 @@ from drivers.registry import CAMERAS
 from vo_service.cli.options import Json
 from vo_service.cli.request import CommandRequest
 from vo_service.terminal import format_columns
-from vo_service.tools.doctor.device_list import (
-    ListedDevice,
-    list_available_devices,
-    query_openni2,
-)
+from vo_service.tools.doctor.device_list import ListedDevice, list_available_devices, query_openni2
 from vo_service.tools.doctor.usb_probe import probe_usb
 
 EPILOG = """\

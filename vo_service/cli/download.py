@@ -12,11 +12,7 @@ from vo_service.cli.options import print_message
 from vo_service.cli.request import CommandRequest, argument, flag, option
 from vo_service.signals import InterruptedBySignal, raise_on_signals
 from vo_service.terminal import Terminal
-from vo_service.tools.download.catalog import (
-    BENCHMARK_URL,
-    SEQUENCES,
-    find_sequence,
-)
+from vo_service.tools.download.catalog import BENCHMARK_URL, SEQUENCES, find_sequence
 from vo_service.tools.download.sequence_download import download_sequence
 
 EPILOG = f"""\

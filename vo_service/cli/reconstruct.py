@@ -198,10 +198,7 @@ def _read_poses(trajectory: Path, recording: OpenRecording) -> Trajectory:
 
 
 def _make_report(
-    folder: Path,
-    reconstructor: Reconstructor,
-    loop_counts: dict[str, int],
-    stop: StopSignal,
+    folder: Path, reconstructor: Reconstructor, loop_counts: dict[str, int], stop: StopSignal
 ) -> ReconstructionReport:
     """Extract the mesh; warn if the memory limit has cut it short.
 

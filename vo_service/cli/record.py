@@ -27,13 +27,7 @@ from drivers.recording.recording_sink import RecordingFile
 from drivers.registry import open_camera
 from drivers.synthetic.config import SyntheticConfig
 from drivers.tum.writer import TumFolder
-from vo_service.cli.options import (
-    CameraFile,
-    CameraSource,
-    ConfigFile,
-    Topics,
-    parse_seconds,
-)
+from vo_service.cli.options import CameraFile, CameraSource, ConfigFile, Topics, parse_seconds
 from vo_service.cli.request import CommandRequest, argument, flag, option, with_options
 from vo_service.config import Config, read_config
 from vo_service.frame_source import make_publish_clock

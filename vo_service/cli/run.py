@@ -57,10 +57,7 @@ from vo_service.outputs.progress import ProgressOutput
 from vo_service.outputs.state_log import StateLogOutput
 from vo_service.outputs.systemd import SystemdOutput
 from vo_service.outputs.zenoh.output import ConnectWithRetry
-from vo_service.outputs.zenoh.session_endpoints import (
-    ExtraEndpoints,
-    make_command_endpoint,
-)
+from vo_service.outputs.zenoh.session_endpoints import ExtraEndpoints, make_command_endpoint
 from vo_service.signals import (
     ReloadSignal,
     StopSignal,

@@ -34,8 +34,7 @@ checkout, it updates and restarts the service.
 
 
 Root = Annotated[
-    Path,
-    Option("a tree other than /, such as an image's; nothing is started", metavar="DIR"),
+    Path, Option("a tree other than /, such as an image's; nothing is started", metavar="DIR")
 ]
 
 

@@ -9,11 +9,7 @@ import pytest
 from drivers.calibration import TUM_CALIBRATIONS, format_calibration, read_calibration
 from tests.vo_service.cli.cli_runner import KinectVo, assert_one_line
 from tests.vo_service.learned_updates import LEARNED, SERIAL
-from vo_service.sensor_memory import (
-    RememberedFocalLength,
-    sensor_folder,
-    write_remembered_sensor,
-)
+from vo_service.sensor_memory import RememberedFocalLength, sensor_folder, write_remembered_sensor
 
 CAMERA = replace(TUM_CALIBRATIONS["1"], readout_s=0.02)
 OTHER = replace(LEARNED, serial="B2")

@@ -17,9 +17,7 @@ from vo_service.terminal import Terminal
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_compilation_in_this_process_stops_after_the_current_kernel(
-    number: signal.Signals,
-) -> None:
+def test_compilation_in_this_process_stops_after_the_current_kernel(number: signal.Signals) -> None:
     double = numba.njit(lambda x: 2 * x)
 
     def compile_one(_report: Callable[[str], None]) -> float:

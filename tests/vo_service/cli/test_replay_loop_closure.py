@@ -10,12 +10,7 @@ import numpy as np
 import pytest
 
 from drivers.core.geometry import read_trajectory
-from tests.vo_service.cli.cli_runner import (
-    CommandResult,
-    KinectVo,
-    assert_one_line,
-    run_subprocess,
-)
+from tests.vo_service.cli.cli_runner import CommandResult, KinectVo, assert_one_line, run_subprocess
 from tests.vo_service.cli.loop_recording import FRAME_COUNT, write_loop_recording
 from vo_service.cli import replay
 

@@ -27,13 +27,7 @@ from tests.drivers.bag.bag_maker import (
     open_writer,
     stamp_ns,
 )
-from tests.drivers.bag.test_bag import (
-    COLOR_TOPIC,
-    DEPTH_TOPIC,
-    make_bag,
-    write_color,
-    write_frame,
-)
+from tests.drivers.bag.test_bag import COLOR_TOPIC, DEPTH_TOPIC, make_bag, write_color, write_frame
 from tests.drivers.tum.read_recording import assert_same, read_recording
 from tests.vo_service.fakes import make_frame
 from vo_service.tools.convert import OutputFormat, choose_format, convert

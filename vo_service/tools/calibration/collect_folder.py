@@ -6,12 +6,7 @@ from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
 
-from drivers.calibration import (
-    CAMERA_FILE_NAME,
-    NO_DISTORTION,
-    CameraCalibration,
-    find_calibration,
-)
+from drivers.calibration import CAMERA_FILE_NAME, NO_DISTORTION, CameraCalibration, find_calibration
 from drivers.core import InputError
 from drivers.recording.image_decoding import UnreadableFrameError
 from drivers.recording.recorded_frames import RecordedImage

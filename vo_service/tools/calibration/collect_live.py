@@ -117,10 +117,7 @@ def collect_live(
     """
     selector = ViewSelector(board)
     guide = CoverageGuide(selector, request.view_count, request.with_depth)
-    with (
-        _open_raw_camera(request) as camera,
-        _open_frame_writer(request.save_folder) as save_frame,
-    ):
+    with _open_raw_camera(request) as camera, _open_frame_writer(request.save_folder) as save_frame:
         known = RAW_CALIBRATION
         for frame in read_frames(camera, stop):
             if frame is None:

@@ -52,10 +52,6 @@ class Lens:
 def solve_board_pose(lens: Lens, corners: BoardCorners) -> Array:
     """Return the 4x4 T_camera_board of a planar board."""
     _, rotation, translation = cv2.solvePnP(
-        corners.points_m,
-        corners.pixels,
-        lens.K,
-        np.array(lens.distortion),
-        flags=cv2.SOLVEPNP_IPPE,
+        corners.points_m, corners.pixels, lens.K, np.array(lens.distortion), flags=cv2.SOLVEPNP_IPPE
     )
     return rigid_transform(so3_exp(rotation.ravel()), translation.ravel())

@@ -7,11 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivers.calibration import (
-    UNKNOWN_TIMING,
-    UNKNOWN_TIMING_SIGMAS_S,
-    CameraCalibration,
-)
+from drivers.calibration import UNKNOWN_TIMING, UNKNOWN_TIMING_SIGMAS_S, CameraCalibration
 from drivers.camera import RgbdCamera, RgbdFrame
 from vo_service.odometry.direct.calibration_equations import TIMING
 from vo_service.odometry.direct.image_halving import HalvingOdometry

@@ -23,12 +23,7 @@ from drivers.playback.recording_formats import open_recording
 from drivers.recording.image_decoding import UnreadableFrameError
 from drivers.recording.recording import Recording
 from vo_service.odometry.stage_timers import CpuStageTimer
-from vo_service.tools.compare.batch import (
-    KernelsCompiled,
-    RunPreparing,
-    RunProgress,
-    RunRequest,
-)
+from vo_service.tools.compare.batch import KernelsCompiled, RunPreparing, RunProgress, RunRequest
 from vo_service.tools.compare.methods import MethodFactory
 from vo_service.tools.compare.run_outcome import FRAME_COLUMNS, CompletedRun, LoopClosureRun
 from vo_service.types.estimate import Estimate

@@ -125,10 +125,7 @@ def open_bug_report(file: Path) -> Iterator[Path]:
         log_details_to(Path(folder) / LOG_FILE),
     ):
         yield Path(folder)
-        with (
-            atomic_file(file) as part,
-            tarfile.open(part, "w:gz", compresslevel=1) as archive,
-        ):
+        with atomic_file(file) as part, tarfile.open(part, "w:gz", compresslevel=1) as archive:
             archive.add(folder, arcname=file.name.removesuffix(SUFFIX))
 
 

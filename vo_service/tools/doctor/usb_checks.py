@@ -36,10 +36,7 @@ def check_presence(context: CheckContext) -> Finding:
     if not matching:
         return _missing_sensor_finding(context, others, facts)
     return passed(
-        _describe_sensor(matching[0]),
-        model=matching[0].model,
-        serial=matching[0].serial,
-        **facts,
+        _describe_sensor(matching[0]), model=matching[0].model, serial=matching[0].serial, **facts
     )
 
 

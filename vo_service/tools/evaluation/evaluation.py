@@ -63,10 +63,7 @@ class Evaluation:
                 f"{format_mm(self.rpe_frame_m)}  {_format_degrees(self.rpe_frame_deg)}",
             ),
             ("RPE, one second", f"{format_mm(self.rpe_1s_m)}  {_format_degrees(self.rpe_1s_deg)}"),
-            (
-                "coverage",
-                f"{'-':>9}" if self.coverage is None else f"{100 * self.coverage:9.1f} %",
-            ),
+            ("coverage", f"{'-':>9}" if self.coverage is None else f"{100 * self.coverage:9.1f} %"),
             ("poses", f"{self.poses:9d}"),
             ("matched", f"{self.matched:9d}"),
         ]

@@ -67,10 +67,7 @@ class RunSummary:
             ("skipped", f"{counters.skipped + statistics.out_of_order:6d}"),
             ("dropped", f"{counters.dropped:6d}"),
             ("rate", f"{statistics.mean_fps:6.1f} frames/s"),
-            (
-                "latency",
-                f"{latency.p50_ms:6.1f} ms median, {latency.p99_ms:.1f} ms p99",
-            ),
+            ("latency", f"{latency.p50_ms:6.1f} ms median, {latency.p99_ms:.1f} ms p99"),
             ("CPU a frame", f"{statistics.cpu_ms_per_frame:6.1f} ms median"),
             ("its stages", f"  {stages} ms (medians of the frames with the stage)"),
             *_timing_rows(statistics.timing),

@@ -55,9 +55,7 @@ def test_projections_are_accurate_to_a_pixel_in_the_whole_image(
     assert np.linalg.norm(actual - true, axis=1).max() < 1.0
 
 
-def test_the_standard_deviations_have_the_size_of_the_errors(
-    color: ColorCalibrationResult,
-) -> None:
+def test_the_standard_deviations_have_the_size_of_the_errors(color: ColorCalibrationResult) -> None:
     error = np.abs(intrinsics(color.lens) - intrinsics(COLOR_LENS))
     assert np.all(error < 4 * color.sigma[:4])
     assert np.all(color.sigma[:4] < 1.0)

@@ -39,9 +39,7 @@ def test_lens_pose_and_scale_are_accurate(depth: DepthCalibrationResult) -> None
     assert lens.distortion == (0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def test_the_standard_deviations_have_the_size_of_the_errors(
-    depth: DepthCalibrationResult,
-) -> None:
+def test_the_standard_deviations_have_the_size_of_the_errors(depth: DepthCalibrationResult) -> None:
     true = np.array([DEPTH_LENS.fx, DEPTH_LENS.fy, DEPTH_LENS.cx, DEPTH_LENS.cy])
     assert np.all(np.abs(depth.model.vector[:4] - true) < 4 * depth.sigma[:4])
     assert abs(depth.model.scale - TRUE_SCALE) < 4 * depth.sigma[-1]

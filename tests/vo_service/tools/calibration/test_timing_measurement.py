@@ -4,11 +4,7 @@ import pytest
 
 from drivers.calibration import TUM_CALIBRATIONS
 from tests.vo_service.odometry.direct.rolling_shutter_views import keep_depth_grid
-from tests.vo_service.odometry.direct.swinging_camera import (
-    DELAY_S,
-    READOUT_S,
-    swinging_frames,
-)
+from tests.vo_service.odometry.direct.swinging_camera import DELAY_S, READOUT_S, swinging_frames
 from vo_service.tools.calibration.timing_measurement import TimingMeasurement
 
 

@@ -14,11 +14,7 @@ from vo_service.config import OdometryConfig
 from vo_service.odometry.registry import METHODS
 from vo_service.odometry.sfm.odometry import SfmOdometry
 from vo_service.odometry.surf.odometry import SurfOdometry
-from vo_service.tools.compare.baselines.registry import (
-    BASELINES,
-    BaselineFactory,
-    BaselinePackage,
-)
+from vo_service.tools.compare.baselines.registry import BASELINES, BaselineFactory, BaselinePackage
 from vo_service.tools.compare.methods import (
     METHOD_NAMES,
     ConfiguredMethodFactory,

@@ -29,11 +29,7 @@ LOOP_CLOSURE = LoopClosureObserverFactory(MapConfig(keyframe_database_mb=20))
 def run_observed(folder: Path, observer: ObserverFactory) -> CompletedRun:
     factory = ConfiguredMethodFactory(OdometryConfig())
     request = RunRequest(
-        folder,
-        None,
-        factory,
-        stop_after_compiling=False,
-        observer_factory=observer,
+        folder, None, factory, stop_after_compiling=False, observer_factory=observer
     )
     run = run_method(request, lambda message: None)
     assert isinstance(run, CompletedRun)

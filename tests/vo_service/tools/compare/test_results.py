@@ -14,11 +14,7 @@ from tests.vo_service.tools.compare.sample_runs import (
 )
 from vo_service.tools.compare.batch import BatchResult
 from vo_service.tools.compare.recordings import BenchmarkRecording
-from vo_service.tools.compare.results import (
-    RunEvaluation,
-    collect_results,
-    evaluate_run,
-)
+from vo_service.tools.compare.results import RunEvaluation, collect_results, evaluate_run
 
 
 def evaluate_outcome(recording: BenchmarkRecording, **options: object) -> RunEvaluation:

@@ -129,10 +129,7 @@ def test_a_run_without_a_pose_is_loaded(cache: RunCache) -> None:
 
 def test_a_full_disk_leaves_no_result_and_is_not_an_input_error(tmp_path: Path) -> None:
     cache = RunCache(tmp_path)
-    with (
-        limit_file_size(1000),
-        pytest.raises(UserFacingError, match="the disk is full") as caught,
-    ):
+    with limit_file_size(1000), pytest.raises(UserFacingError, match="the disk is full") as caught:
         cache.save(KEY, make_outcome(WALK), {})
     assert caught.value.exit_code == 1
     assert cache.load(KEY) is None

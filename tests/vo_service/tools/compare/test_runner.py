@@ -63,8 +63,7 @@ class RecordingMethod:
 def run_all(folder: Path, factory: RecordingFactory, max_frames: int | None = None) -> CompletedRun:
     messages: list[object] = []
     run = run_method(
-        RunRequest(folder, None, factory, FrameSelection(max_frames=max_frames)),
-        messages.append,
+        RunRequest(folder, None, factory, FrameSelection(max_frames=max_frames)), messages.append
     )
     assert messages[:2] == [RunPreparing("nothing"), RunPreparing("first frames")]
     assert isinstance(run, CompletedRun)
@@ -92,9 +91,7 @@ def test_a_broken_frame_at_the_start_is_skipped_and_logged_once(
 
 
 @pytest.mark.slow
-def test_after_compilation_no_frame_is_counted_unless_requested(
-    recording: Path,
-) -> None:
+def test_after_compilation_no_frame_is_counted_unless_requested(recording: Path) -> None:
     factory = RecordingFactory(_compile_a_kernel)
     request = RunRequest(recording, None, factory)
     assert run_method(request, lambda message: None) == KernelsCompiled()

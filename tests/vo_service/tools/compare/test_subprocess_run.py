@@ -12,12 +12,7 @@ from tests.conftest import FRAMES
 from tests.resource_leaks import resources_in_use
 from tests.vo_service.tools.compare.faulty_methods import FaultyMethodFactory
 from tests.waiting import DEFAULT_TIMEOUT_S
-from vo_service.tools.compare.batch import (
-    RunPreparing,
-    RunProgress,
-    RunRequest,
-    run_in_subprocess,
-)
+from vo_service.tools.compare.batch import RunPreparing, RunProgress, RunRequest, run_in_subprocess
 from vo_service.tools.compare.run_outcome import RunOutcome, RunState
 from vo_service.tools.compare.worker_main import pin_to_one_cpu
 

@@ -82,10 +82,7 @@ def make_context(
     """Make a computer with these sensors; its files are under `root`."""
     all_sensors = tuple(sensors)
     return CheckContext(
-        requested_camera(source),
-        lambda: all_sensors,
-        lambda: stream or make_capture(),
-        root,
+        requested_camera(source), lambda: all_sensors, lambda: stream or make_capture(), root
     )
 
 

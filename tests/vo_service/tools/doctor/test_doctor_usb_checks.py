@@ -91,12 +91,7 @@ def test_the_sensors_own_parts_and_hubs_are_no_neighbors(tmp_path: Path) -> None
     ids=["webcam", "mouse", "elsewhere"],
 )
 def test_a_webcam_at_the_same_controller_is_a_warning(
-    tmp_path: Path,
-    place: str,
-    product: str,
-    interface_class: str,
-    verdict: CheckVerdict,
-    text: str,
+    tmp_path: Path, place: str, product: str, interface_class: str, verdict: CheckVerdict, text: str
 ) -> None:
     make_usb_device(tmp_path, f"{CONTROLLER}/usb1/1-2", 1, 4)
     neighbor = make_usb_device(tmp_path, place, 2, 9, product=product)
@@ -232,7 +227,5 @@ def test_missing_firmware_names_the_searched_folders_and_what_works(tmp_path: Pa
 
 
 @pytest.mark.parametrize("check", [check_permission, check_kernel_driver, check_exclusive_access])
-def test_a_computer_without_kernel_files_passes(
-    check: Callable[[CheckContext], Finding],
-) -> None:
+def test_a_computer_without_kernel_files_passes(check: Callable[[CheckContext], Finding]) -> None:
     assert check(make_context([make_sensor()])).verdict is CheckVerdict.PASS

@@ -13,11 +13,7 @@ from tests.mount_namespace import AS_MAPPED_ROOT, need_mounts
 from tests.simulators.requirements import require_program
 from vo_service.tools.install import udev
 from vo_service.tools.install.system_files import run_command
-from vo_service.tools.install.udev import (
-    RULES_FILE,
-    format_rules,
-    install,
-)
+from vo_service.tools.install.udev import RULES_FILE, format_rules, install
 
 # Run udevadm in its own tree: /sys has one camera. $1 is the folder with the rules files,
 # $2 and $3 are the ids of the camera.

@@ -27,23 +27,23 @@ _SERVER_EXTENSIONS = (
 )
 
 
-def create_key(file: Path) -> None:
+def _create_key(file: Path) -> None:
     """Write a new private key. The caller's umask sets who can read it."""
     atomic_write(file, _run_openssl(*_NEW_KEY_ARGUMENTS))
 
 
-def create_authority_certificate(key: Path, certificate: Path, name: str, days: int) -> None:
+def _create_authority_certificate(key: Path, certificate: Path) -> None:
     """Write a self-signed certificate with which `key` can sign others, but no sub-authorities."""
     data = _run_openssl(
-        *("req", "-x509", "-new", "-key", str(key)),
-        *("-subj", f"/CN={name}", "-days", str(days), "-set_serial", _random_serial()),
+        *("req", "-x509", "-new", "-key", str(key), "-set_serial", _random_serial()),
+        *("-subj", f"/CN={_AUTHORITY_NAME}", "-days", str(AUTHORITY_DAYS)),
         *("-addext", "basicConstraints=critical,CA:TRUE,pathlen:0"),
         *("-addext", "keyUsage=critical,keyCertSign,cRLSign"),
     )
     atomic_write(certificate, data)
 
 
-def sign_certificate(folder: Path, authority: Path, name: str, extensions: str, days: int) -> None:
+def _sign_certificate(folder: Path, authority: Path, name: str, extensions: str, days: int) -> None:
     """Sign tls.key in `folder` with ca.key in `authority`, and write tls.pem to `folder`.
 
     Args:
@@ -123,8 +123,8 @@ class CertificateAuthority:
             with writing(folder):
                 temporary = Path(tempfile.mkdtemp(prefix=".making-", dir=self.folder))
                 try:
-                    create_key(temporary / "tls.key")
-                    sign_certificate(temporary, self.folder, name, extensions, days)
+                    _create_key(temporary / "tls.key")
+                    _sign_certificate(temporary, self.folder, name, extensions, days)
                     shutil.copyfile(self.folder / "ca.pem", temporary / "ca.pem")
                     temporary.rename(folder)
                 finally:
@@ -145,8 +145,8 @@ class CertificateAuthority:
             self.folder.mkdir(parents=True, exist_ok=True)
             self.folder.chmod(0o700)
         try:
-            create_key(key)
-            create_authority_certificate(key, certificate, _AUTHORITY_NAME, AUTHORITY_DAYS)
+            _create_key(key)
+            _create_authority_certificate(key, certificate)
         except BaseException:  # a key without its certificate would be in the way
             with suppress(OSError):
                 key.unlink(missing_ok=True)

@@ -63,38 +63,29 @@ class Publisher:
         self._odom = self._session.declare_publisher("kinect/odom", congestion_control=BLOCK)
         self._token = self._session.liveliness().declare_token("kinect/alive")
 
-    def wait(self) -> None:
-        """Until the listener's subscriptions have reached us."""
+    def put(self, key: str, payload: bytes, about: dict[str, Any] | None = None) -> None:
+        """Send a message once the listener's subscriptions have reached us."""
         wait_until(lambda: self._odom.matching_status.matching)  # type: ignore[attr-defined]
+        attachment = None if about is None else json.dumps(about).encode()
+        self._session.put(f"kinect/{key}", payload, attachment=attachment, congestion_control=BLOCK)
 
     def pose(self, x_m: float) -> None:
-        self.wait()
         T = rigid_transform(np.eye(3), [x_m, 0.5, -0.25])
         message = OdometryMessage(12.5, "odom", "base_link", T, np.eye(6), np.zeros(6), np.eye(6))
-        self._odom.put(encode_odometry(message), attachment=json.dumps(ABOUT).encode())
+        self.put("odom", encode_odometry(message), ABOUT)
 
     def map_odom(self, seq: int, **about: Any) -> None:
-        self.wait()
         T = rigid_transform(np.eye(3), [0.5, 0.25, 0.0])
         usual = {
             "schema": 1, "seq": seq, "epoch": 0, "is_localized": True,
             "map_keyframes": 9, "loop_closures": 1,
         }  # fmt: skip
-        self._session.put(
-            "kinect/map_odom",
-            encode_transform(TransformMessage(12.5, "map", "odom", T)),
-            attachment=json.dumps(usual | about).encode(),
-            congestion_control=BLOCK,
-        )
-
-    def garbage(self) -> None:
-        self.wait()
-        self._odom.put(b"nonsense")
+        message = TransformMessage(12.5, "map", "odom", T)
+        self.put("map_odom", encode_transform(message), usual | about)
 
     def status(self, state: str, reason: str) -> None:
-        self.wait()
         content = {"schema": 1, "state": state, "reason": reason, "latency": {"fps": 30.0}}
-        self._session.put("kinect/status", json.dumps(content).encode(), congestion_control=BLOCK)
+        self.put("status", json.dumps(content).encode())
 
     def close(self) -> None:
         self._session.close()  # type: ignore[no-untyped-call]
@@ -224,7 +215,7 @@ def test_what_is_no_endpoint_is_refused(connect: str, kinect_vo: KinectVo) -> No
 def test_an_unreadable_message_is_skipped(endpoint: str) -> None:
     with publisher(endpoint) as robot, listener(endpoint, "--count", "1") as process:
         read_line(process)
-        robot.garbage()
+        robot.put("odom", b"nonsense")
         assert "kinect/odom: ignored a message that cannot be read" in read_line(process)
         robot.pose(1.0)
         assert process.wait(100) == 0

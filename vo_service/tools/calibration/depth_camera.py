@@ -90,19 +90,18 @@ def calibrate_depth(
         UserFacingError: The readings do not lie on the boards, or on too few boards.
     """
     fit = _DepthFit(layout, depth_factor)
-    undistorted = fit.refine(color, fit.estimate_initial(color), WITHOUT_DISTORTION, GATES)
-    distorted = fit.refine(color, undistorted, ALL_PARAMETERS, GATES[-1:])
+    model = fit.refine(color, fit.estimate_initial(color), WITHOUT_DISTORTION, GATES)
+    distorted = fit.refine(color, model, ALL_PARAMETERS, GATES[-1:])
     steps = 2 * min(JACKKNIFE_GROUPS, len(color.views))
-    sigma = _jackknife_sigma(
-        fit, color, distorted, ALL_PARAMETERS, lambda done: progress(done, steps)
-    )
+    sigma = fit.jackknife_sigma(color, distorted, ALL_PARAMETERS, lambda n: progress(n, steps))
     if np.any(np.abs(distorted.vector[DISTORTION]) > MIN_SIGNIFICANT_SIGMAS * sigma[DISTORTION]):
         progress(steps, steps)
-        return _make_result(fit, color, distorted, sigma)
-    sigma = _jackknife_sigma(
-        fit, color, undistorted, WITHOUT_DISTORTION, lambda n: progress(n + steps // 2, steps)
-    )
-    return _make_result(fit, color, undistorted, sigma)
+        model = distorted
+    else:
+        sigma = fit.jackknife_sigma(
+            color, model, WITHOUT_DISTORTION, lambda n: progress(n + steps // 2, steps)
+        )
+    return _make_result(fit.collect_readings(color, model), model, sigma)
 
 
 @dataclass(frozen=True)
@@ -165,31 +164,27 @@ class _DepthFit:
         views, poses = color.views, color.T_camera_board
         return collect_board_readings(views, poses, self.layout, model, self.depth_factor)
 
+    def jackknife_sigma(
+        self,
+        color: ColorCalibrationResult,
+        model: DepthModel,
+        free: NDArray[np.int64],
+        progress: Callable[[int], None],
+    ) -> Array:
+        """Return standard deviations (13,) from fits of both cameras without a tenth of the views.
 
-def _jackknife_sigma(
-    fit: _DepthFit,
-    color: ColorCalibrationResult,
-    model: DepthModel,
-    free: NDArray[np.int64],
-    progress: Callable[[int], None],
-) -> Array:
-    """Return standard deviations (13,) from fits of both cameras without a tenth of the views.
-
-    The covariance from the normal matrix would be ten times too small: errors within a view are
-    correlated, and all views share the color camera's error.
-    """
-    fits = []
-    for group, color_without_group in enumerate(refit_without_groups(color)):
-        progress(group)
-        fits.append(fit.refine(color_without_group, model, free, GATES[-1:]).vector)
-    return jackknife_sigma(fits)
+        The covariance from the normal matrix would be ten times too small: errors within a view are
+        correlated, and all views share the color camera's error.
+        """
+        fits = []
+        for group, color_without_group in enumerate(refit_without_groups(color)):
+            progress(group)
+            fits.append(self.refine(color_without_group, model, free, GATES[-1:]).vector)
+        return jackknife_sigma(fits)
 
 
-def _make_result(
-    fit: _DepthFit, color: ColorCalibrationResult, model: DepthModel, sigma: Array
-) -> DepthCalibrationResult:
+def _make_result(pixels: BoardReadings, model: DepthModel, sigma: Array) -> DepthCalibrationResult:
     """Return the result. Raises UserFacingError if the depth does not belong to the boards."""
-    pixels = fit.collect_readings(color, model)
     is_used = _is_used(pixels, model, GATES[-1])
     noise = float(np.median(_normalized_distances(pixels, model))) / MEDIAN_ABS_NORMAL
     used_fraction = float(is_used.mean())

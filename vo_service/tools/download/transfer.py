@@ -11,9 +11,10 @@ import urllib.request
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from email.message import Message
+from http.client import HTTPResponse
 from importlib.metadata import version
 from pathlib import Path
-from typing import IO, Protocol, Self
+from typing import IO, Self, cast
 
 from drivers.core import InputError, UserFacingError
 from drivers.core.files import atomic_write
@@ -118,17 +119,6 @@ class TransferInterruptedError(UserFacingError):
     """The server cannot be reached, or the transfer was interrupted. A retry may help."""
 
 
-class HttpResponse(Protocol):
-    """Used part of an HTTP response."""
-
-    headers: Message
-
-    @property
-    def status(self) -> int | None: ...
-    def read1(self, size: int, /) -> bytes: ...
-    def close(self) -> None: ...
-
-
 class _SafeRedirectHandler(urllib.request.HTTPRedirectHandler):
     """Follow redirects to the web only, and never from https to http."""
 
@@ -191,7 +181,7 @@ def fetch(url: str, part: PartialFile, on_progress: TransferProgress) -> None:
         raise _interrupted_error(url, part, f"the server announced {total} bytes")
 
 
-def _send_request(url: str, part: PartialFile) -> HttpResponse:
+def _send_request(url: str, part: PartialFile) -> HTTPResponse:
     """Request the missing part if the file has not changed, else the whole file."""
     headers = {"User-Agent": f"kinect-vo/{version('kinect-vo')}", "Accept-Encoding": "identity"}
     validator = part.validator(url)
@@ -201,11 +191,10 @@ def _send_request(url: str, part: PartialFile) -> HttpResponse:
     try:
         request = urllib.request.Request(url, headers=headers)
         with announce_if_slow(f"waiting for {url}"):
-            response: HttpResponse = opener.open(request, timeout=READ_TIMEOUT_S)
-        return response
+            return cast(HTTPResponse, opener.open(request, timeout=READ_TIMEOUT_S))
     except urllib.error.HTTPError as error:
         if error.code == http.client.REQUESTED_RANGE_NOT_SATISFIABLE and validator:
-            return error
+            return cast(HTTPResponse, error)
         raise _http_error(url, error) from error
     except (http.client.InvalidURL, ValueError) as error:
         raise InputError(f"{url}: is not a valid address: {error}; see --mirror") from error
@@ -216,7 +205,7 @@ def _send_request(url: str, part: PartialFile) -> HttpResponse:
         ) from error
 
 
-def _is_resumable(response: HttpResponse, part: PartialFile) -> bool:
+def _is_resumable(response: HTTPResponse, part: PartialFile) -> bool:
     """Return True if the response is the whole file or starts where `part` ends."""
     first, total = _content_range(response)
     if response.status == http.client.REQUESTED_RANGE_NOT_SATISFIABLE:
@@ -224,7 +213,7 @@ def _is_resumable(response: HttpResponse, part: PartialFile) -> bool:
     return response.status == http.client.OK or first == part.size
 
 
-def _prepare_part(url: str, response: HttpResponse, part: PartialFile) -> int | None:
+def _prepare_part(url: str, response: HTTPResponse, part: PartialFile) -> int | None:
     """Prepare `part` for the data; returns the size of the whole file if known, bytes."""
     if response.status == http.client.OK:
         part.restart(url, _validator(response.headers))
@@ -236,7 +225,7 @@ def _prepare_part(url: str, response: HttpResponse, part: PartialFile) -> int | 
     return _content_range(response)[1]
 
 
-def _content_range(response: HttpResponse) -> tuple[int | None, int | None]:
+def _content_range(response: HTTPResponse) -> tuple[int | None, int | None]:
     """Return the first byte's number and the size of the whole file; None if not given."""
     match = _RANGE.fullmatch(response.headers.get("Content-Range", ""))
     return (_parse_number(match[1] or ""), _parse_number(match[2])) if match else (None, None)
@@ -246,7 +235,7 @@ def _parse_number(text: str) -> int | None:
     return int(text) if text.isdecimal() else None
 
 
-def _read_chunks(url: str, response: HttpResponse, part: PartialFile) -> Iterator[bytes]:
+def _read_chunks(url: str, response: HTTPResponse, part: PartialFile) -> Iterator[bytes]:
     """Yield the body, nothing for an error. Raises TransferInterruptedError."""
     while response.status != http.client.REQUESTED_RANGE_NOT_SATISFIABLE:
         try:

@@ -5,6 +5,7 @@ import tarfile
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
@@ -53,8 +54,11 @@ class RequestHandler(BaseHTTPRequestHandler):
 Answer = Callable[[RequestHandler], None]
 
 
-def serve_ranges(request: RequestHandler) -> None:
-    """Serve as a good server does: ranges of the same version, else the whole file."""
+def serve_ranges(request: RequestHandler, max_bytes: int | None = None) -> None:
+    """Serve as a good server does: ranges of the same version, else the whole file.
+
+    After `max_bytes` of the body the connection is closed.
+    """
     site, content = request.site, request.site.content
     first = 0
     if request.headers.get("If-Range") == site.etag:
@@ -65,10 +69,9 @@ def serve_ranges(request: RequestHandler) -> None:
     elif first:
         span = f"bytes {first}-{size - 1}/{size}"
         request.start_response(206, Content_Range=span, Content_Length=size - first, ETag=site.etag)
-        request.send_body(content[first:])
     else:
         request.start_response(200, Content_Length=size, ETag=site.etag)
-        request.send_body(content)
+    request.send_body(content[first:][:max_bytes])
 
 
 def serve_without_ranges(request: RequestHandler) -> None:
@@ -79,19 +82,7 @@ def serve_without_ranges(request: RequestHandler) -> None:
 
 def cut_off(after: int) -> Answer:
     """Answer with the first bytes of the requested range, then close the connection."""
-
-    def answer(request: RequestHandler) -> None:
-        content = request.site.content
-        first = int(request.headers.get("Range", "bytes=0-").removeprefix("bytes=").rstrip("-"))
-        size = len(content)
-        if first:
-            span = f"bytes {first}-{size - 1}/{size}"
-            request.start_response(206, Content_Range=span, Content_Length=size - first)
-        else:
-            request.start_response(200, Content_Length=size, ETag=request.site.etag)
-        request.send_body(content[first : first + after])
-
-    return answer
+    return partial(serve_ranges, max_bytes=after)
 
 
 def wrong_length(length: int) -> Answer:

@@ -30,6 +30,7 @@ from vo_service.tools.compare.report import report_folder
 pytestmark = [pytest.mark.subprocess, pytest.mark.usefixtures("forked_runs")]
 
 CopyRecording = Callable[..., Path]
+HaveMethods = Callable[..., None]
 CHILD = "vo_service.tools.compare.worker_main:run_comparison"
 
 
@@ -62,6 +63,14 @@ def test_a_method_without_a_pose_fails_and_names_the_reason(
 
 
 @pytest.fixture
+def have_methods(monkeypatch: pytest.MonkeyPatch) -> HaveMethods:
+    """``have_methods(icp="hang")``: the methods are those of `faulty_methods`."""
+    return lambda **faults: monkeypatch.setattr(
+        compare, "make_method_factories", make_faulty_factories(**faults)
+    )
+
+
+@pytest.fixture
 def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """They take most of the time of a report, and have tests of their own."""
     monkeypatch.setattr(report_folder, "make_figures", lambda result: iter(()))
@@ -90,13 +99,12 @@ def test_a_baseline_is_measured_at_each_rate_and_reported(
 
 @pytest.mark.usefixtures("no_figures")
 def test_the_terminal_shows_two_tables_per_sequence_and_a_note_of_skipped_methods(
-    recording: Path, tmp_path: Path, kinect_vo: KinectVo, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    recording: Path, tmp_path: Path, kinect_vo: KinectVo, have_methods: HaveMethods,
+    monkeypatch: pytest.MonkeyPatch
+) -> None:  # fmt: skip
     package = BaselinePackage("nobodys_odometry", ("nobodys-odometry",))
     monkeypatch.setitem(BASELINES, "open3d-icp", package)
-    monkeypatch.setattr(
-        compare, "make_method_factories", make_faulty_factories(surf="go on", icp="segfault")
-    )
+    have_methods(surf="go on", icp="segfault")
     options = ("--methods", "surf", "icp", "open3d-icp", "--output", tmp_path / "out")
     done = kinect_vo("compare", recording, *options)
     assert (done.code, done.error_lines) == (
@@ -127,11 +135,9 @@ def test_all_methods_are_those_of_other_packages_too(
 
 @pytest.mark.usefixtures("no_figures")
 def test_with_loop_closure_each_method_has_additional_figures(
-    recording: Path, tmp_path: Path, kinect_vo: KinectVo, monkeypatch: pytest.MonkeyPatch
+    recording: Path, tmp_path: Path, kinect_vo: KinectVo, have_methods: HaveMethods
 ) -> None:
-    monkeypatch.setattr(
-        compare, "make_method_factories", make_faulty_factories(surf="go on", icp="segfault")
-    )
+    have_methods(surf="go on", icp="segfault")
     options = ("--methods", "surf", "icp", "--loop-closure", "--output", tmp_path / "out")
     content = json.loads(kinect_vo("compare", recording, *options, "--json").out)
     methods = content["sequences"][0]["methods"]
@@ -181,11 +187,9 @@ def test_a_scale_from_the_truth_needs_a_truth(
 
 @pytest.mark.usefixtures("no_figures")
 def test_ctrl_c_leaves_a_report_of_finished_runs(
-    recording: Path, tmp_path: Path, kinect_vo: KinectVo, monkeypatch: pytest.MonkeyPatch
+    recording: Path, tmp_path: Path, kinect_vo: KinectVo, have_methods: HaveMethods
 ) -> None:
-    monkeypatch.setattr(
-        compare, "make_method_factories", make_faulty_factories(surf="go on", icp="hang")
-    )
+    have_methods(surf="go on", icp="hang")
     runs = tmp_path / "out" / "runs" / "corner"
 
     def interrupt() -> None:
@@ -215,11 +219,9 @@ command_line.main(["compare", *sys.argv[2:]])
 
 
 def test_a_killed_comparison_leaves_no_process_and_resumes(
-    copy_recording: CopyRecording,
-    tmp_path: Path,
-    kinect_vo: KinectVo,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    copy_recording: CopyRecording, tmp_path: Path, kinect_vo: KinectVo, have_methods: HaveMethods,
+    monkeypatch: pytest.MonkeyPatch
+) -> None:  # fmt: skip
     recording = copy_recording()
     (recording / "groundtruth.txt").unlink()
     result = tmp_path / "out" / "runs" / "corner" / "surf" / "result.json"
@@ -233,9 +235,7 @@ def test_a_killed_comparison_leaves_no_process_and_resumes(
         process.wait()
         wait_until(lambda: not is_alive(child))
     kept = result.stat().st_mtime_ns
-    monkeypatch.setattr(
-        compare, "make_method_factories", make_faulty_factories(surf="go on", icp="go on")
-    )
+    have_methods(surf="go on", icp="go on")
     monkeypatch.setattr(batch, "collect_versions", dict)
     assert kinect_vo("compare", *options).code == 0
     assert result.stat().st_mtime_ns == kept

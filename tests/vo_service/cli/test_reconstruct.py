@@ -5,6 +5,7 @@ import os
 import shutil
 import signal
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -24,6 +25,18 @@ CopyRecording = Callable[..., Path]
 PICTURES = ("perspective.png", "top.png", "view.png")
 FILES = sorted((*PICTURES, "map.ply", "reconstruction.json"))
 COARSE = ("--voxel-m", 0.04, "--memory-mb", 100)
+
+
+@pytest.fixture
+def output(tmp_path: Path) -> Path:
+    return tmp_path / "output"
+
+
+@pytest.fixture
+def reconstruct(recording: Path, output: Path, kinect_vo: KinectVo) -> KinectVo:
+    """``reconstruct(...)`` along the recording's true trajectory into `output`."""
+    truth = recording / "groundtruth.txt"
+    return partial(kinect_vo, "reconstruct", recording, truth, "--output", output)
 
 
 def names(folder: Path) -> list[str]:
@@ -52,11 +65,10 @@ def likeness(one: Path, other: Path) -> float:
 
 @pytest.mark.rerun
 def test_a_given_trajectory_gives_a_map_in_its_world(
-    recording: Path, tmp_path: Path, kinect_vo: KinectVo
+    recording: Path, tmp_path: Path, reconstruct: KinectVo
 ) -> None:
     output, rerun = tmp_path / "maps" / "corner", tmp_path / "map.rrd"
-    given = ("--output", output, "--rerun", rerun, "--voxel-m", 0.02)
-    outcome = kinect_vo("reconstruct", recording, recording / "groundtruth.txt", *given)
+    outcome = reconstruct("--output", output, "--rerun", rerun, "--voxel-m", 0.02)
     assert (outcome.code, outcome.error_lines) == (0, "")
     assert f"in the map             {FRAMES}" in outcome.out
     assert names(output) == FILES
@@ -91,41 +103,37 @@ def test_without_a_trajectory_the_odometry_runs_and_its_trajectory_is_written(
 
 @pytest.mark.slow
 def test_the_trajectory_of_an_earlier_map_does_not_stay_beside_one_of_other_poses(
-    recording: Path, tmp_path: Path, kinect_vo: KinectVo
+    recording: Path, output: Path, kinect_vo: KinectVo, reconstruct: KinectVo
 ) -> None:
-    (tmp_path / "trajectory.txt").write_text("of an earlier map\n")
-    truth = recording / "groundtruth.txt"
-    assert kinect_vo("reconstruct", recording, truth, "--output", tmp_path, *COARSE).code == 0
-    assert not (tmp_path / "trajectory.txt").exists()
-    given = Path(shutil.copy(truth, tmp_path / "trajectory.txt"))
-    assert kinect_vo("reconstruct", recording, given, "--output", tmp_path, *COARSE).code == 0
-    assert given.read_bytes() == truth.read_bytes()
+    output.mkdir()
+    (output / "trajectory.txt").write_text("of an earlier map\n")
+    assert reconstruct(*COARSE).code == 0
+    assert not (output / "trajectory.txt").exists()
+    given = Path(shutil.copy(recording / "groundtruth.txt", output / "trajectory.txt"))
+    assert kinect_vo("reconstruct", recording, given, "--output", output, *COARSE).code == 0
+    assert given.read_bytes() == (recording / "groundtruth.txt").read_bytes()
 
 
 @pytest.mark.parametrize("option", ["--loop-closure", "--method=icp", "--timing=fixed"])
 def test_an_option_of_the_odometry_with_a_given_trajectory_is_rejected(
-    recording: Path, tmp_path: Path, kinect_vo: KinectVo, option: str
+    recording: Path, output: Path, reconstruct: KinectVo, option: str
 ) -> None:
-    truth, output = recording / "groundtruth.txt", tmp_path / "output"
-    outcome = kinect_vo("reconstruct", recording, truth, option, "--output", output)
-    name = option.partition("=")[0]
-    assert_one_line(outcome, 2, f"{truth}: {name} works only on the odometry's own poses")
+    truth, name = recording / "groundtruth.txt", option.partition("=")[0]
+    message = f"{truth}: {name} works only on the odometry's own poses"
+    assert_one_line(reconstruct(option), 2, message)
     assert not output.exists()
 
 
 @pytest.mark.slow
-def test_a_full_map_is_a_warning_and_still_written(
-    recording: Path, tmp_path: Path, kinect_vo: KinectVo
-) -> None:
-    tight = ("--voxel-m", 0.01, "--memory-mb", 20, "--output", tmp_path, "--json")
-    outcome = kinect_vo("reconstruct", recording, recording / "groundtruth.txt", *tight)
+def test_a_full_map_is_a_warning_and_still_written(output: Path, reconstruct: KinectVo) -> None:
+    outcome = reconstruct("--voxel-m", 0.01, "--memory-mb", 20, "--json")
     # On a slow machine, progress comes besides.
     warnings = [line for line in outcome.error_lines.splitlines() if "warning: " in line]
     assert (outcome.code, len(warnings)) == (0, 1)
     assert "the map was full at frame 1 of 12: surfaces seen later are left out" in outcome.err
     assert "--memory-mb 20, or larger voxels than --voxel-m 0.01" in outcome.err
     assert json.loads(outcome.out)["full_at_frame"] == 1
-    assert len(read_ply(tmp_path / "map.ply").triangles) > 0
+    assert len(read_ply(output / "map.ply").triangles) > 0
 
 
 @pytest.mark.parametrize(
@@ -153,46 +161,43 @@ def test_command_line_errors_are_one_line(
 
 
 def test_a_trajectory_of_another_recording_is_refused(
-    recording: Path, tmp_path: Path, kinect_vo: KinectVo
+    recording: Path, tmp_path: Path, output: Path, kinect_vo: KinectVo
 ) -> None:
     other = tmp_path / "other.txt"
     other.write_text("500.0 0 0 0 0 0 0 1\n500.1 0 0 0 0 0 0 1\n")
-    outcome = kinect_vo("reconstruct", recording, other, "--output", tmp_path / "output")
+    outcome = kinect_vo("reconstruct", recording, other, "--output", output)
     assert_one_line(outcome, 2, f"{other}: has no pose within 20 ms of any frame of {recording}")
     assert "(poses 500.000..500.100 s, frames 0.000..0.367 s)" in outcome.err
-    assert not (tmp_path / "output").exists()
+    assert not output.exists()
 
 
 def test_poses_in_millimeters_are_named(
-    recording: Path, tmp_path: Path, kinect_vo: KinectVo
+    recording: Path, tmp_path: Path, output: Path, kinect_vo: KinectVo
 ) -> None:
     poses = read_trajectory(recording / "groundtruth.txt")
     T_world_camera = poses.T_world_camera.copy()
     T_world_camera[:, 0, 3] += 1000.0 * poses.stamps_s
     file = tmp_path / "poses.txt"
     file.write_bytes(format_trajectory(Trajectory(poses.stamps_s, T_world_camera)))
-    outcome = kinect_vo(
-        "reconstruct", recording, file, "--output", tmp_path / "map", "--voxel-m", "0.2"
-    )
+    outcome = kinect_vo("reconstruct", recording, file, "--output", output, "--voxel-m", "0.2")
     assert f"{file}: the camera moves at" in outcome.err
 
 
 def test_a_recording_without_depth_is_refused(
-    blind_recording: Path, tmp_path: Path, kinect_vo: KinectVo
+    blind_recording: Path, output: Path, kinect_vo: KinectVo
 ) -> None:
-    folder, output = blind_recording, ("--output", tmp_path / "output")
-    truth = kinect_vo("reconstruct", folder, folder / "groundtruth.txt", *output)
+    folder = blind_recording
+    truth = kinect_vo("reconstruct", folder, folder / "groundtruth.txt", "--output", output)
     assert_one_line(truth, 2, f"no depth up to 4 m in any of {FRAMES} frames")
-    odometry = kinect_vo("reconstruct", folder, *output)
+    odometry = kinect_vo("reconstruct", folder, "--output", output)
     assert_one_line(odometry, 1, f"none of {FRAMES} frames could be tracked")
-    assert names(tmp_path / "output") == []
+    assert names(output) == []
 
 
 @pytest.mark.slow
 def test_ctrl_c_writes_the_map_of_the_frames_so_far(
-    recording: Path, tmp_path: Path, kinect_vo: KinectVo,
-    monkeypatch: pytest.MonkeyPatch
-) -> None:  # fmt: skip
+    output: Path, reconstruct: KinectVo, monkeypatch: pytest.MonkeyPatch
+) -> None:
     add = Reconstructor.add_frame
 
     def interrupted(self: Reconstructor, frame: RgbdFrame) -> None:
@@ -201,18 +206,16 @@ def test_ctrl_c_writes_the_map_of_the_frames_so_far(
             os.kill(os.getpid(), signal.SIGINT)
 
     monkeypatch.setattr(Reconstructor, "add_frame", interrupted)
-    given = ("--output", tmp_path, "--json", *COARSE)
-    outcome = kinect_vo("reconstruct", recording, recording / "groundtruth.txt", *given)
+    outcome = reconstruct("--json", *COARSE)
     figures = json.loads(outcome.out)
     assert (outcome.code, figures["frames"], figures["cut_short"]) == (130, 5, True)
-    assert names(tmp_path) == FILES
+    assert names(output) == FILES
 
 
 @pytest.mark.slow
 def test_a_second_ctrl_c_ends_the_process_because_kernels_must_not_raise(
-    recording: Path, tmp_path: Path, kinect_vo: KinectVo,
-    monkeypatch: pytest.MonkeyPatch
-) -> None:  # fmt: skip
+    output: Path, reconstruct: KinectVo, monkeypatch: pytest.MonkeyPatch
+) -> None:
     exit_codes: list[int] = []
 
     def stop_twice(self: Reconstructor) -> None:
@@ -225,17 +228,15 @@ def test_a_second_ctrl_c_ends_the_process_because_kernels_must_not_raise(
 
     monkeypatch.setattr(Reconstructor, "finish", stop_twice)
     monkeypatch.setattr("os._exit", end_process)
-    given = ("--output", tmp_path, *COARSE)
-    kinect_vo("reconstruct", recording, recording / "groundtruth.txt", *given)
+    reconstruct(*COARSE)
     assert exit_codes == [130]
-    assert names(tmp_path) == []
+    assert names(output) == []
 
 
 def test_a_full_disk_is_one_line_and_leaves_no_partial_file(
-    recording: Path, tmp_path: Path, kinect_vo: KinectVo
+    output: Path, reconstruct: KinectVo
 ) -> None:
-    truth, given = recording / "groundtruth.txt", ("--output", tmp_path / "output", *COARSE)
     with limit_file_size(20_000):
-        outcome = kinect_vo("reconstruct", recording, truth, *given)
-    assert_one_line(outcome, 1, f"{tmp_path / 'output' / 'map.ply'}: the disk is full")
-    assert names(tmp_path / "output") == []
+        outcome = reconstruct(*COARSE)
+    assert_one_line(outcome, 1, f"{output / 'map.ply'}: the disk is full")
+    assert names(output) == []

@@ -14,7 +14,6 @@ class SavedTiming:
     Attributes:
         source: By name: where the values come from.
         values: By heading: a timing.
-        file: The camera file.
         backup: The file before; None without one.
     """
 

@@ -93,8 +93,7 @@ class ViewSelector:
 
     Attributes:
         corners: Corners of the last snapshot.
-        views: Accepted views.
-        board_poses: Approximate pose of the board in each view.
+        board_poses: Approximate pose of the board in each accepted view.
         board_count: Number of snapshots that showed the board.
     """
 

@@ -32,14 +32,10 @@ POLL_PERIOD_S = 0.25
 class RunRequest:
     """Request to the worker, sent once: run a method on a recording.
 
+    Folder, camera file and topics are as for `open_recording`.
+
     Attributes:
-        folder: The recording.
-        camera_file: As for `open_recording`.
-        topics: As for `open_recording`.
-        factory: Makes the method.
-        frame_selection: Frames to use.
         stop_after_compiling: If kernels had to be compiled, end with `KernelsCompiled`.
-        observer_factory: Makes the observer of the run.
     """
 
     folder: Path
@@ -145,15 +141,12 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class BatchPlan:
-    """Runs of a batch.
+    """Runs of every method on every recording, each with a time limit.
 
     Attributes:
-        recordings: Recordings to run on.
         factories: Method factories by the method's name.
         folder: Cache folder, with one folder per recording and in it one per method.
-        time_limit_s: Time limit of each run.
         force: Whether to re-run cached results.
-        observer_factory: Makes the observer of each run.
     """
 
     recordings: Sequence[BenchmarkRecording]

@@ -150,12 +150,9 @@ def make_method_factories(
     sfm_scale: SfmScale = SfmScale.FIRST_DEPTH,
     orb_vocabulary: VocabularyFile | None = None,
 ) -> Mapping[str, MethodFactory]:
-    """Return factories in the order of the names.
+    """Return factories in the order of the names, without the unavailable ones.
 
-    Args:
-        unavailable: Those that cannot run.
-        sfm_scale: Source of the initial scale of sfm.
-        orb_vocabulary: Vocabulary of ORB-SLAM3; None to train one from each recording.
+    ORB-SLAM3 trains a vocabulary from each recording unless one is given.
 
     Raises:
         InputError: If none is available.

@@ -51,11 +51,7 @@ class NullObserver:
 
 @dataclass(frozen=True)
 class LoopClosureObserverFactory:
-    """Factory of loop closure with the settings of a configuration.
-
-    Attributes:
-        map: Settings of the map.
-    """
+    """Factory of loop closure with the settings of a configuration."""
 
     map: MapConfig
 

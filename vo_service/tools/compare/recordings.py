@@ -51,10 +51,8 @@ class BenchmarkRecording:
 
     Attributes:
         name: Name of the recording and of its cache folder.
-        folder: Folder of the recording.
         camera_file: Camera file that it was opened with.
         contents: Contents, with the selected frames.
-        frame_selection: The selection.
         topics: Topics of its images in a bag, if they were named.
     """
 

@@ -35,8 +35,6 @@ class RunEvaluation:
     """A run and its metrics; None means that a metric is not known.
 
     Attributes:
-        batch_result: The run.
-        evaluation: Metrics of the trajectory.
         matched: Poses with their ground truth.
         no_evaluation_reason: Why `evaluation` is None; "" otherwise.
         coverage: Fraction of the recording's frames with a pose; with ground truth, only frames
@@ -160,8 +158,6 @@ class SequenceResults:
     """One recording and the evaluations of all methods on it.
 
     Attributes:
-        recording: The recording, or a selection of its frames.
-        evaluations: Evaluation of each method.
         reference_method: Baseline for relative figures; None without.
     """
 

@@ -44,8 +44,6 @@ class LoopClosureRun:
 
     Attributes:
         trajectory: Final optimized poses of the frames that are connected to a map keyframe.
-        map_keyframes: Number of map keyframes at the end.
-        loop_closures: Number of loop closures at the end.
         cpu_ms_per_frame: Mean processor time per frame, in addition to the method's.
     """
 

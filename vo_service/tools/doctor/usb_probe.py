@@ -127,9 +127,7 @@ class UsbSensor:
     """A sensor as libusb reports it.
 
     Attributes:
-        model: Model of the sensor.
-        camera: Its camera device.
-        others: Its other USB devices.
+        others: Its other USB devices than the camera.
         where: Bus and port, as text.
         serial: Serial number; "" if not readable.
         speed_mbit_s: Speed of the USB link; None if not known.

@@ -29,7 +29,6 @@ class Evaluation:
         rpe_frame_*: Root mean square of the relative error from frame to frame.
         rpe_1s_*: The same over one second.
         coverage: Fraction of the frames with truth that have a pose, 0 to 1.
-        poses: Number of poses of the trajectory.
         matched: Number of poses with ground truth.
     """
 
@@ -87,7 +86,6 @@ def evaluate(
 
     Args:
         frame_stamps_s: (F,) ascending stamps of all delivered frames; see `coverage`.
-        max_difference_s: Largest difference between the stamps of a pose and its truth.
 
     Raises:
         InputError: Fewer than 3 poses have ground truth.

@@ -45,13 +45,10 @@ class MatchedPoses:
 def associate(
     trajectory: Trajectory, truth: Trajectory, max_difference_s: float = MAX_STAMP_DIFFERENCE_S
 ) -> MatchedPoses:
-    """Pair each pose of the shorter list with the nearest of the other, not too far apart.
+    """Pair each pose of the shorter list with the nearest of the other, if near in time.
 
     If both are equally long, the trajectory counts as the shorter one. This is the rule of evo's
     ``associate_trajectories``, so the results agree with evo's.
-
-    Args:
-        max_difference_s: Largest difference between the stamps of a pose and its truth.
 
     Raises:
         InputError: Fewer than 3 poses have a match.
@@ -88,12 +85,9 @@ def coverage(
     A frame or pose has ground truth if a true pose lies within `max_difference_s`.
 
     Args:
-        poses_s: (N,) stamps of the poses.
-        truth_s: (T,) stamps of the ground truth.
         frames_s: (F,) stamps of all frames of the recording; None if not known. A truth with a
             pose at the stamp of every pose then counts as one true pose per frame. Other truths
             (motion capture at 100 Hz) do not show how many frames there were.
-        max_difference_s: Largest difference between the stamps of a pose and its truth.
 
     Returns:
         0 to 1; None if the number of frames is not known.

@@ -144,8 +144,6 @@ class LoopClosureSummary:
     """Results of loop closure.
 
     Attributes:
-        map_keyframes: Number of map keyframes at the end.
-        loop_closures: Number of loop closures at the end.
         evaluation: Metrics of the optimized trajectory; None without a truth.
     """
 
@@ -178,11 +176,7 @@ class LoopClosureSummary:
 def evaluate_if_possible(
     trajectory: Trajectory, ground_truth: Trajectory | None, frames_s: Array
 ) -> Evaluation | None:
-    """Evaluate a trajectory; None without a truth or with too few matched poses.
-
-    Args:
-        frames_s: (F,) stamps of all delivered frames.
-    """
+    """Evaluate a trajectory; None without a truth or with too few matched poses."""
     if ground_truth is None or not len(trajectory):
         return None
     try:

@@ -23,16 +23,12 @@ class ReportMetadata:
     Attributes:
         methods: Methods that run, in order.
         odometry: Settings of our methods.
-        time_limit_s: Time limit of each run.
         unavailable: Requested methods that are not installed.
         reference_method: Baseline for relative figures; None without.
         frame_steps: Every n-th frame is used, with one pass over the recordings for each n.
         max_frames: Number of first frames of each recording to use; None for all.
-        sfm_scale: Source of the first scale of `sfm`.
         orb_vocabulary: Vocabulary of ORB-SLAM3; None if it does not run.
         camera_file: Camera file for all recordings; None for each recording's own.
-        observer_factory: Made the observer of each run.
-        created: Time of the comparison.
     """
 
     methods: Sequence[str]

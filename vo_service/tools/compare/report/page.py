@@ -62,11 +62,7 @@ def render_page(
     results: Sequence[SequenceResults],
     figures: Mapping[str, Sequence[RenderedFigure]],
 ) -> str:
-    """Return the page, which needs no other file and no network.
-
-    Args:
-        figures: Figures by the recording's name.
-    """
+    """Return the page; `figures` are by the recording's name."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined  # rarely used
 
     environment = Environment(

@@ -58,11 +58,7 @@ _log = logging.getLogger(__name__)
 
 
 def run(request: CalibrationRequest) -> int:
-    """Calibrate and save.
-
-    Raises:
-        UserFacingError: If an option or a view is not valid, or if a file cannot be written.
-    """
+    """Calibrate and save."""
     if request.save_learned:
         return save_learned(request)
     if request.serial is not None:

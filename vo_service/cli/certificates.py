@@ -62,11 +62,7 @@ class CertificatesRequest(CommandRequest):
 
 
 def run(request: CertificatesRequest) -> int:
-    """Make the certificates, and print where to copy each.
-
-    Raises:
-        UserFacingError: If a name is not valid or taken, or if a file cannot be written.
-    """
+    """Make the certificates, and print where to copy each."""
     clients = [(name, role) for role in _DESTINATIONS for name in getattr(request, role)]
     names = [*request.host[:1], *(name for name, _ in clients)]
     if not names:

@@ -77,12 +77,7 @@ class SendCommandRequest(CommandRequest):
 
 
 def run(request: SendCommandRequest) -> int:
-    """Send the command and print the reply.
-
-    Raises:
-        InputError: If the command or an argument is wrong.
-        UserFacingError: If the command is refused, or if there is no reply.
-    """
+    """Send the command and print the reply."""
     with PoseClient(request.prefix, request.connect, request.config_file) as client:
         try:
             answer = client.command(request.name, dict(request.arguments), request.timeout)

@@ -159,7 +159,7 @@ def _parse_and_run(arguments: Sequence[str]) -> int:
     """Parse the arguments and run the command.
 
     Raises:
-        UserFacingError: If the command fails.
+        UserFacingError: If the command fails; an InputError if its input is wrong.
         OSError: If standard output cannot be written, or a file be read.
     """
     set_library_environment()

@@ -140,12 +140,7 @@ class ComparisonRequest(CommandRequest):
 
 
 def run(request: ComparisonRequest) -> int:
-    """Run the methods, print each recording's tables as they finish, and write the report.
-
-    Raises:
-        UserFacingError: If an option or a recording is not valid, or if the report cannot be
-            written.
-    """
+    """Run the methods, print each recording's tables as they finish, and write the report."""
     config = load_config(request.config, request)
     unavailable = find_unavailable_methods(request.method_names)
     factories = _make_factories(request, config.odometry, unavailable)

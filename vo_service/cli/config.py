@@ -60,11 +60,7 @@ ACTIONS = {"check": CheckConfigRequest, "reference": ConfigReferenceRequest}
 
 
 def run(request: CheckConfigRequest | ConfigReferenceRequest) -> int:
-    """Check or print.
-
-    Raises:
-        InputError: For the first mistake in the file.
-    """
+    """Check or print."""
     if isinstance(request, ConfigReferenceRequest):
         print(render_reference(), end="")
         return 0

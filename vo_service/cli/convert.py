@@ -39,11 +39,7 @@ class ConversionRequest(CommandRequest):
 
 
 def run(request: ConversionRequest) -> int:
-    """Convert and print the number of frames.
-
-    Raises:
-        UserFacingError: If the recording cannot be read, or the output not be written.
-    """
+    """Convert and print the number of frames."""
     output_format = choose_format(request.output, request.format)
     recording = open_and_announce(request.folder, request.camera_file, request.topics)
     log_implausible(recording)

@@ -65,11 +65,7 @@ class DemoRequest(CommandRequest):
 
 
 def run(request: DemoRequest) -> int:
-    """Play the sequence, then print the summary.
-
-    Raises:
-        UserFacingError: If an option is not valid, or if an output fails.
-    """
+    """Play the sequence, then print the summary."""
     config = load_config(request.config, request)
     create_output_folder(request.output)
     terminal = Terminal()

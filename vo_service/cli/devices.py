@@ -30,11 +30,7 @@ class DevicesRequest(CommandRequest):
 
 
 def run(request: DevicesRequest) -> int:
-    """List the sensors.
-
-    Raises:
-        UserFacingError: If the USB devices cannot be listed.
-    """
+    """List the sensors."""
     found = list_available_devices(probe_usb(), query_openni2())
     if request.json:
         devices = [asdict(device) for device in found]

@@ -73,11 +73,7 @@ class DoctorRequest(CommandRequest):
 
 
 def run(request: DoctorRequest) -> int:
-    """Check and print.
-
-    Raises:
-        InputError: If an option or the configuration is not valid.
-    """
+    """Check and print."""
     config = with_options(request, read_config(request.config))
     source: str = request.camera or (config.camera.source if request.config else "freenect")
     camera = open_camera(

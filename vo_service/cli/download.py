@@ -69,11 +69,7 @@ class DownloadSequencesRequest(CommandRequest):
 
 
 def run(request: DownloadSequencesRequest) -> int:
-    """Download the sequences one by one.
-
-    Raises:
-        UserFacingError: For the first sequence that fails.
-    """
+    """Download the sequences one by one."""
     if request.list:
         print(_format_sequence_table())
         return 0

@@ -68,11 +68,7 @@ class EvaluationRequest(CommandRequest):
 
 
 def run(request: EvaluationRequest) -> int:
-    """Compare and print.
-
-    Raises:
-        UserFacingError: If a file cannot be read or written, or if the trajectories do not match.
-    """
+    """Compare and print."""
     truth, frames_s, truth_file = _read_ground_truth(request.folder, request.topics)
     trajectory = _read_poses(request.trajectory, frames_s)
     shifted = Trajectory(trajectory.stamps_s + request.time_offset, trajectory.T_world_camera)

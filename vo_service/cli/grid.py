@@ -74,11 +74,7 @@ class GridRequest(CommandRequest):
 
 
 def run(request: GridRequest) -> int:
-    """Run the odometry over the recording, and write the grid.
-
-    Raises:
-        UserFacingError: If an input is not valid, or if a result cannot be written.
-    """
+    """Run the odometry over the recording, and write the grid."""
     config = _with_mounting(load_config(request.config, request), request)
     T_base_camera = config.T_base_camera.T_base_camera
     if problem := mounting_problem(config.scan, T_base_camera):

@@ -142,7 +142,6 @@ def run(request: ListenRequest) -> int:
 
     Raises:
         BrokenPipeError: The reader has closed the pipe.
-        InputError: If the prefix or the Zenoh configuration is not valid.
     """
     prefix = check_prefix(request.prefix)
     printer: PosePrinter = JsonPosePrinter() if request.json else TextPosePrinter()

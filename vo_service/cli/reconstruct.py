@@ -118,11 +118,7 @@ class ReconstructionRequest(CommandRequest):
 
 
 def run(request: ReconstructionRequest) -> int:
-    """Estimate or read the poses, fuse the frames, and write the results.
-
-    Raises:
-        UserFacingError: If an input is not valid, or if a result cannot be written.
-    """
+    """Estimate or read the poses, fuse the frames, and write the results."""
     config = load_config(request.config, request)
     terminal = Terminal()
     # Check before the work, not after it.

@@ -86,11 +86,7 @@ class RecordRequest(CommandRequest):
 
 
 def run(request: RecordRequest) -> int:
-    """Record until the camera ends, `--seconds` have passed, or Ctrl-C.
-
-    Raises:
-        UserFacingError: If an option is not valid, or if the camera or the disk fails.
-    """
+    """Record until the camera ends, `--seconds` have passed, or Ctrl-C."""
     config = with_options(request, read_config(request.config))
     _check_output(request)
     terminal = Terminal()

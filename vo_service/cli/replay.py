@@ -123,12 +123,7 @@ class ReplayRequest(CommandRequest):
 
 
 def run(request: ReplayRequest) -> int:
-    """Replay and print the summary.
-
-    Raises:
-        UserFacingError: If an option or the recording is not valid, if an output fails, or if no
-            frame has a pose.
-    """
+    """Replay and print the summary."""
     if request.no_publish and request.wait_for_subscriber:
         raise InputError(
             "--wait-for-subscriber: nobody can subscribe with --no-publish; leave one of them out"

@@ -35,11 +35,7 @@ class Ros2NodeRequest(CommandRequest):
 
 
 def run(request: Ros2NodeRequest) -> int:
-    """Replace this process by the node.
-
-    Raises:
-        UserFacingError: The node is not installed.
-    """
+    """Replace this process by the node."""
     program = find_program()
     if program is None:
         raise UserFacingError(

@@ -34,11 +34,7 @@ class RouterRequest(CommandRequest):
 
 
 def run(request: RouterRequest) -> int:
-    """Route until stopped.
-
-    Raises:
-        InputError: If the file is not valid, or not the configuration of a router.
-    """
+    """Route until stopped."""
     config = ZenohConfig(config_file=request.file, listen=())
     settings = build_zenoh_config(config)
     if settings.get_json("mode") != '"router"':

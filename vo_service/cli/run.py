@@ -119,11 +119,7 @@ class RunServiceRequest(CommandRequest):
 
 
 def run(request: RunServiceRequest) -> int:
-    """Run the service until stopped.
-
-    Raises:
-        UserFacingError: If the configuration is not valid, or if an output cannot be opened.
-    """
+    """Run the service until stopped."""
     limit_freed_memory()  # it costs time, so other commands go without
     config = request.load()
     set_log_level(config.log.level)

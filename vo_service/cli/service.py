@@ -82,11 +82,7 @@ ACTIONS = {
 
 
 def run(request: InstallServiceRequest | UninstallServiceRequest | ShowServiceFileRequest) -> int:
-    """Install, uninstall or show.
-
-    Raises:
-        UserFacingError: If it fails, or if the user is not root: with the sudo command.
-    """
+    """Install, uninstall or show."""
     if isinstance(request, ShowServiceFileRequest):
         print(read_service_file(request.file), end="")
         return 0

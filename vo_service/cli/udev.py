@@ -47,11 +47,7 @@ ACTIONS = {
 
 
 def run(request: InstallRulesRequest | ShowRulesRequest) -> int:
-    """Install, uninstall or show.
-
-    Raises:
-        UserFacingError: If it fails, or if the user may not: with the sudo command.
-    """
+    """Install, uninstall or show."""
     if isinstance(request, ShowRulesRequest):
         print("\n".join(f"# /{file.path}\n{file.text}" for file in list_system_files()), end="")
         return 0

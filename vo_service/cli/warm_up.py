@@ -51,12 +51,7 @@ class WarmUpRequest(CommandRequest):
 
 
 def run(request: WarmUpRequest) -> int:
-    """Compile the kernels of the configured parts that are not in the cache.
-
-    Raises:
-        UserFacingError: If the configuration or the name of the processor is not valid, or if the
-            kernels cannot be written.
-    """
+    """Compile the kernels of the configured parts that are not in the cache."""
     config = load_config(request.config, request)
     if request.for_ is not None:
         _use_environment(request.for_)

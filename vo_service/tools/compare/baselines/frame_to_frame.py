@@ -271,7 +271,9 @@ class OpenCvExtractor:
         keypoints, descriptors = self._detector.detectAndCompute(gray, None)
         n = len(keypoints)
         size = self._detector.descriptorSize()
-        table = np.asarray(descriptors) if n else np.empty((0, size))
+        table = np.asarray(descriptors if n else np.empty((0, size)), np.float32)
+        if self._binary:
+            table = np.unpackbits(table.astype(np.uint8), axis=1).astype(np.float32)
         angle_rad = np.radians([k.angle for k in keypoints])
         return Features(
             position_px=np.array([k.pt for k in keypoints], np.float32).reshape(-1, 2),
@@ -279,13 +281,8 @@ class OpenCvExtractor:
             direction=np.column_stack([np.cos(angle_rad), np.sin(angle_rad)]).astype(np.float32),
             response=np.array([k.response for k in keypoints], np.float32),
             sign=np.ones(n, np.float32),
-            descriptor=self._to_vectors(table),
+            descriptor=table,
         )
-
-    def _to_vectors(self, table: NDArray[np.generic]) -> NDArray[np.float32]:
-        if self._binary:
-            return np.unpackbits(table.astype(np.uint8), axis=1).astype(np.float32)
-        return table.astype(np.float32)
 
 
 def sift_odometry(count: int, stopwatch: StageTimer) -> SurfOdometry:

@@ -179,15 +179,10 @@ class _PosePrintingSubscriber:
         }
 
     def subscribe(self, prefix: str, session: zenoh.Session) -> None:
-        """Subscribe to the keys with a prefix."""
-        session.declare_subscriber(f"{prefix}/status", self.receive)
-        session.declare_subscriber(f"{prefix}/map_odom", self.receive)
-        session.declare_subscriber(f"{prefix}/odom", self.receive)
-        session.liveliness().declare_subscriber(f"{prefix}/alive", self.receive, history=True)
-
-    def receive(self, sample: zenoh.Sample) -> None:
-        """Queue one sample; called on a thread of Zenoh."""
-        self._samples.put(sample)
+        """Subscribe to the keys with a prefix; samples are queued on threads of Zenoh."""
+        for key in ("status", "map_odom", "odom"):
+            session.declare_subscriber(f"{prefix}/{key}", self._samples.put)
+        session.liveliness().declare_subscriber(f"{prefix}/alive", self._samples.put, history=True)
 
     def run(self) -> None:
         """Print until enough poses are received."""

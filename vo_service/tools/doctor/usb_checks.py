@@ -19,7 +19,7 @@ HIGH_BANDWIDTH_CLASSES = {"01": "audio", "0e": "video"}
 OWN_CONTROLLER_FIX = "plug one of them into a port of another USB controller: `lsusb -t` shows them"
 # The process name of our driver is only "python"; its command line has this module.
 DRIVER_MODULE = "drivers.subprocess_camera.worker:run_camera"
-REPLUG = "then unplug the sensor and plug it in again"
+REPLUG = "unplug the sensor and plug it in again"
 
 
 def check_presence(context: CheckContext) -> Finding:
@@ -27,9 +27,7 @@ def check_presence(context: CheckContext) -> Finding:
     try:
         sensors = context.sensors
     except UserFacingError as error:
-        return failed(
-            f"the USB cannot be listed: {error}", "unplug the sensor and plug it in again"
-        )
+        return failed(f"the USB cannot be listed: {error}", REPLUG)
     matching = [sensor for sensor in sensors if context.requested.matches(sensor)]
     others = [sensor for sensor in sensors if not context.requested.matches(sensor)]
     facts = {"sensors": [f"{sensor.model} {sensor.where}" for sensor in sensors]}
@@ -141,11 +139,10 @@ def check_permission(context: CheckContext) -> Finding:
         return passed(f"{who} may open the sensor; the udev rules of kinect-vo {rule}", **facts)
     text = f"this user may not open the sensor; the udev rules of kinect-vo {rule}"
     if not has_rule:
-        return failed(text, f"{format_sudo_command('udev', 'install')}, {REPLUG}", **facts)
+        return failed(text, f"{format_sudo_command('udev', 'install')}, then {REPLUG}", **facts)
     return failed(
         text,
-        f"unplug the sensor and plug it in again; over ssh, also run "
-        f"sudo usermod -aG {GROUP} {_user()} and log in again",
+        f"{REPLUG}; over ssh, also run sudo usermod -aG {GROUP} {_user()} and log in again",
         **facts,
     )
 

@@ -39,7 +39,7 @@ from vo_service.tools.compare.recordings import BenchmarkRecording, FrameSelecti
 from vo_service.tools.compare.report.metadata import ReportMetadata
 from vo_service.tools.compare.report.report_folder import PAGE_FILE, report_content, write_report
 from vo_service.tools.compare.report.tables import cost_table, error_table
-from vo_service.tools.compare.results import SequenceResults, collect_results
+from vo_service.tools.compare.results import SequenceResults, evaluate_runs
 from vo_service.tools.compare.run_outcome import RunState
 
 ALL_METHODS = "all"
@@ -162,8 +162,8 @@ def run(request: ComparisonRequest) -> int:
     )
     terminal, results = Terminal(), []
     with stop_on_signals() as stop:
-        batch_results = run_batch(plan, terminal, stop.event)
-        for result in collect_results(batch_results, len(factories), request.against):
+        for recording, outcomes in run_batch(plan, terminal, stop.event):
+            result = evaluate_runs(recording, outcomes, request.against, request.loop_closure)
             results.append(result)
             if not request.json:
                 _print_tables(result, metadata)

@@ -53,13 +53,6 @@ class RunRequest:
 
 
 @dataclass(frozen=True)
-class RunPreparing:
-    """Message of the worker: the current stage of compilation, loading or warm-up."""
-
-    stage: str
-
-
-@dataclass(frozen=True)
 class RunProgress:
     """Message of the worker: number of processed frames."""
 
@@ -75,14 +68,15 @@ class KernelsCompiled:
     """
 
 
-# The last message is one of the last two types.
-RunMessage = RunPreparing | RunProgress | KernelsCompiled | RunOutcome
+# A text is the current stage of compilation, loading or warm-up. The last message is one of the
+# last two types.
+RunMessage = str | RunProgress | KernelsCompiled | RunOutcome
 
 
 def run_in_subprocess(
     request: RunRequest,
     time_limit_s: float,
-    on_progress: Callable[[RunPreparing | RunProgress], None],
+    on_progress: Callable[[str | RunProgress], None],
     stop: threading.Event,
 ) -> RunOutcome:
     """Run a method in a subprocess.
@@ -112,7 +106,7 @@ def run_in_subprocess(
 def _receive_outcome(
     worker: WorkerProcess,
     time_limit_s: float,
-    on_progress: Callable[[RunPreparing | RunProgress], None],
+    on_progress: Callable[[str | RunProgress], None],
     stop: threading.Event,
 ) -> RunOutcome | KernelsCompiled | None:
     """Receive messages until the last one; None if the worker ended without it."""
@@ -130,7 +124,7 @@ def _receive_outcome(
         match message:
             case RunOutcome() | KernelsCompiled():
                 return message
-            case RunPreparing() | RunProgress():
+            case str() | RunProgress():
                 on_progress(message)
     worker.kill()
     return RunOutcome(RunState.NOT_RUN, error="stopped before its end")
@@ -157,18 +151,10 @@ class BatchPlan:
     observer_factory: ObserverFactory = NULL_OBSERVER
 
 
-@dataclass(frozen=True)
-class BatchResult:
-    """One run and its outcome; `has_loop_closure` is True if loop closure was enabled."""
-
-    recording: BenchmarkRecording
-    method: str
-    outcome: RunOutcome
-    has_loop_closure: bool = False
-
-
-def run_batch(plan: BatchPlan, terminal: Terminal, stop: threading.Event) -> Iterator[BatchResult]:
-    """Run what is not cached until `stop` is set, and yield all results.
+def run_batch(
+    plan: BatchPlan, terminal: Terminal, stop: threading.Event
+) -> Iterator[tuple[BenchmarkRecording, Mapping[str, RunOutcome]]]:
+    """Run what is not cached until `stop` is set; yield each recording with its runs by method.
 
     Failed runs are run again the next time. After a stop, the other runs come from the cache or
     are not run.
@@ -176,14 +162,14 @@ def run_batch(plan: BatchPlan, terminal: Terminal, stop: threading.Event) -> Ite
     Raises:
         UserFacingError: Results cannot be written, or no process can be started.
     """
-    total = len(plan.recordings) * len(plan.factories)
-    number = 0
+    total, number = len(plan.recordings) * len(plan.factories), 0
     for recording in plan.recordings:
+        outcomes = {}
         for method in plan.factories:
             number += 1
             label = f"{recording.name}, {method} (run {number} of {total})"
-            outcome = _load_or_run(plan, recording, method, label, terminal, stop)
-            yield BatchResult(recording, method, outcome, bool(plan.observer_factory.settings))
+            outcomes[method] = _load_or_run(plan, recording, method, label, terminal, stop)
+        yield recording, outcomes
 
 
 def _load_or_run(
@@ -206,11 +192,11 @@ def _load_or_run(
     if stop.is_set():
         return cached or RunOutcome(RunState.NOT_RUN, error="stopped before its start")
 
-    def show(message: RunPreparing | RunProgress) -> None:
+    def show(message: str | RunProgress) -> None:
         if isinstance(message, RunProgress):
             terminal.progress(f"{label}: frame", message.done, message.total)
         else:
-            terminal.show(f"{label}: preparing, {message.stage}")
+            terminal.show(f"{label}: preparing, {message}")
 
     terminal.show(f"{label}: starting")
     request = RunRequest(

@@ -2,16 +2,14 @@
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from itertools import islice
 from typing import Any
 
 from drivers.core import InputError
-from vo_service.tools.compare.batch import BatchResult
 from vo_service.tools.compare.recordings import BenchmarkRecording
 from vo_service.tools.compare.run_cache import run_as_json
-from vo_service.tools.compare.run_outcome import CompletedRun, RunOutcome, RunState
+from vo_service.tools.compare.run_outcome import RunOutcome, RunState
 from vo_service.tools.evaluation.evaluation import EVALUATION_KEYS, Evaluation, evaluate
 from vo_service.tools.evaluation.gaps import GapOutcome, classify_gap, gap_error, spans_gap
 from vo_service.tools.evaluation.metrics import (
@@ -47,7 +45,7 @@ class RunEvaluation:
         optimized_evaluation: Metrics of the trajectory after loop closure, if it was enabled.
     """
 
-    batch_result: BatchResult
+    outcome: RunOutcome
     evaluation: Evaluation | None = None
     matched: MatchedPoses | None = None
     no_evaluation_reason: str = ""
@@ -58,11 +56,6 @@ class RunEvaluation:
     steps: int | None = None
     gross_errors: int | None = None
     optimized_evaluation: Evaluation | None = None
-
-    @property
-    def outcome(self) -> RunOutcome:
-        """State and result of the run."""
-        return self.batch_result.outcome
 
     @property
     def is_done(self) -> bool:
@@ -99,29 +92,29 @@ class RunEvaluation:
         }
 
 
-def evaluate_run(batch_result: BatchResult) -> RunEvaluation:
+def evaluate_run(recording: BenchmarkRecording, outcome: RunOutcome) -> RunEvaluation:
     """Evaluate a run with all metrics that are possible."""
-    run, recording = batch_result.outcome.run, batch_result.recording
-    if batch_result.outcome.state is not RunState.DONE:
-        return RunEvaluation(batch_result, no_evaluation_reason="the run has no result")
-    frames = run.frames
+    if outcome.state is not RunState.DONE:
+        return RunEvaluation(outcome, no_evaluation_reason="the run has no result")
+    frames = outcome.run.frames
     gap_outcomes = tuple(
         classify_gap(gap, frames["stamp_s"], frames["has_pose"], frames["epoch"])
         for gap in recording.gaps
     )
     without_truth = RunEvaluation(
-        batch_result,
-        coverage=len(run.trajectory) / len(recording.frame_stamps_s),
+        outcome,
+        coverage=len(outcome.run.trajectory) / len(recording.frame_stamps_s),
         gap_outcomes=gap_outcomes,
         gap_errors=(None,) * len(gap_outcomes),
     )
-    return _with_ground_truth(without_truth, run, recording)
+    return _with_ground_truth(without_truth, recording)
 
 
 def _with_ground_truth(
-    run_evaluation: RunEvaluation, run: CompletedRun, recording: BenchmarkRecording
+    run_evaluation: RunEvaluation, recording: BenchmarkRecording
 ) -> RunEvaluation:
     """Add the metrics that need the truth, or the reason why there are none."""
+    run = run_evaluation.outcome.run
     if recording.truth is None:
         return replace(run_evaluation, no_evaluation_reason="there is no groundtruth.txt")
     if not len(run.trajectory):
@@ -159,23 +152,18 @@ class SequenceResults:
 
     Attributes:
         reference_method: Baseline for relative figures; None without.
+        has_loop_closure: Whether loop closure was enabled.
     """
 
     recording: BenchmarkRecording
     evaluations: Mapping[str, RunEvaluation]
     reference_method: str | None = None
+    has_loop_closure: bool = False
 
     @property
     def reference(self) -> RunEvaluation | None:
         """Evaluation of the baseline for relative figures."""
         return None if self.reference_method is None else self.evaluations[self.reference_method]
-
-    @property
-    def has_loop_closure(self) -> bool:
-        """Whether loop closure was enabled."""
-        return any(
-            evaluation.batch_result.has_loop_closure for evaluation in self.evaluations.values()
-        )
 
     def best_method(self, value: Callable[[RunEvaluation], float | None]) -> str | None:
         """Return the method with the smallest value, or None if fewer than two have one.
@@ -191,10 +179,12 @@ class SequenceResults:
         return min(known, key=lambda method: known[method]) if len(known) > 1 else None
 
 
-def collect_results(
-    batch_results: Iterator[BatchResult], method_count: int, reference_method: str | None = None
-) -> Iterator[SequenceResults]:
-    """Yield the evaluated runs of each recording as soon as its last run has ended."""
-    while results := list(islice(batch_results, method_count)):
-        evaluations = {result.method: evaluate_run(result) for result in results}
-        yield SequenceResults(results[0].recording, evaluations, reference_method)
+def evaluate_runs(
+    recording: BenchmarkRecording,
+    outcomes: Mapping[str, RunOutcome],
+    reference_method: str | None = None,
+    has_loop_closure: bool = False,
+) -> SequenceResults:
+    """Evaluate the runs of all methods on one recording."""
+    evaluations = {method: evaluate_run(recording, outcomes[method]) for method in outcomes}
+    return SequenceResults(recording, evaluations, reference_method, has_loop_closure)

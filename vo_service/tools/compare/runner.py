@@ -23,7 +23,7 @@ from drivers.playback.recording_formats import open_recording
 from drivers.recording.image_decoding import UnreadableFrameError
 from drivers.recording.recording import Recording
 from vo_service.odometry.stage_timers import CpuStageTimer
-from vo_service.tools.compare.batch import KernelsCompiled, RunPreparing, RunProgress, RunRequest
+from vo_service.tools.compare.batch import KernelsCompiled, RunProgress, RunRequest
 from vo_service.tools.compare.methods import MethodFactory
 from vo_service.tools.compare.run_outcome import FRAME_COLUMNS, CompletedRun, LoopClosureRun
 from vo_service.types.estimate import Estimate
@@ -98,7 +98,7 @@ def peak_memory_mb() -> float:
 
 
 def run_method(
-    request: RunRequest, send: Callable[[RunPreparing | RunProgress], None]
+    request: RunRequest, send: Callable[[str | RunProgress], None]
 ) -> CompletedRun | KernelsCompiled:
     """Run a method on the selected frames.
 
@@ -112,8 +112,8 @@ def run_method(
     pairs = request.frame_selection.select(whole.frames.pairs)
     recording = replace(whole, frames=replace(whole.frames, pairs=pairs))
     with install_recorder("numba:compile") as compiled:
-        warm_up_method(request.factory, recording, lambda stage: send(RunPreparing(stage)))
-        request.observer_factory.prepare(lambda stage: send(RunPreparing(stage)))
+        warm_up_method(request.factory, recording, send)
+        request.observer_factory.prepare(send)
     if request.stop_after_compiling and compiled.buffer:
         return KernelsCompiled()
     stages, recorder = CpuStageTimer(), RunRecorder()

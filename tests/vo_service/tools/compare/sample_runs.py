@@ -11,9 +11,8 @@ from drivers.recording.recorded_frames import FramePair, RecordedFrames
 from drivers.recording.recording import Recording
 from drivers.tum.accelerometer import read_accelerometer
 from drivers.tum.index_files import ListedImage
-from vo_service.tools.compare.batch import BatchResult
 from vo_service.tools.compare.recordings import BenchmarkRecording
-from vo_service.tools.compare.results import SequenceResults, evaluate_run
+from vo_service.tools.compare.results import SequenceResults, evaluate_runs
 from vo_service.tools.compare.run_outcome import (
     FRAME_COLUMNS,
     CompletedRun,
@@ -88,13 +87,7 @@ def make_results(
     recording: BenchmarkRecording, has_loop_closure: bool = False, **outcomes: RunOutcome
 ) -> SequenceResults:
     """Make the results of one recording, by method."""
-    results = {
-        method: BatchResult(recording, method, outcome, has_loop_closure)
-        for method, outcome in outcomes.items()
-    }
-    return SequenceResults(
-        recording, {method: evaluate_run(result) for method, result in results.items()}
-    )
+    return evaluate_runs(recording, outcomes, has_loop_closure=has_loop_closure)
 
 
 CRASH = RunOutcome(RunState.CRASHED, error="crashed (signal 11, Segmentation fault)")

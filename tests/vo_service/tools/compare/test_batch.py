@@ -12,7 +12,7 @@ from tests.vo_service.tools.compare.faulty_methods import FaultyMethodFactory
 from vo_service.config import OdometryConfig
 from vo_service.config_tables import MapConfig
 from vo_service.terminal import Terminal
-from vo_service.tools.compare.batch import BatchPlan, BatchResult, run_batch
+from vo_service.tools.compare.batch import BatchPlan, run_batch
 from vo_service.tools.compare.methods import ConfiguredMethodFactory, MethodFactory
 from vo_service.tools.compare.observers import (
     NULL_OBSERVER,
@@ -21,7 +21,7 @@ from vo_service.tools.compare.observers import (
 )
 from vo_service.tools.compare.recordings import open_recordings
 from vo_service.tools.compare.run_cache import make_cache_key
-from vo_service.tools.compare.run_outcome import RunState
+from vo_service.tools.compare.run_outcome import RunOutcome, RunState
 
 CopyRecording = Callable[..., Path]
 VERSIONS = {"numpy": "2"}
@@ -34,18 +34,31 @@ def run_all(
     factories: Mapping[str, MethodFactory],
     stopped: bool = False,
     force: bool = False,
-) -> tuple[list[BatchResult], str]:
-    """Run a batch and return the results and the terminal's output."""
+) -> tuple[list[RunOutcome], str]:
+    """Run a batch and return the outcomes and the terminal's output."""
     screen = CapturedTerminal()
     stop = threading.Event()
     if stopped:
         stop.set()
     plan = BatchPlan(open_recordings([folder], None), factories, output, LIMIT_S, force)
-    return list(run_batch(plan, Terminal(screen), stop)), screen.getvalue()
+    ((_, outcomes),) = run_batch(plan, Terminal(screen), stop)
+    return list(outcomes.values()), screen.getvalue()
 
 
-def run_states(results: list[BatchResult]) -> list[RunState]:
-    return [result.outcome.state for result in results]
+def run_states(outcomes: list[RunOutcome]) -> list[RunState]:
+    return [outcome.state for outcome in outcomes]
+
+
+@pytest.mark.subprocess
+@pytest.mark.usefixtures("forked_runs")
+def test_the_runs_of_a_recording_are_ready_before_the_next_one_begins(
+    copy_recording: CopyRecording, tmp_path: Path
+) -> None:
+    recordings = open_recordings([copy_recording(name=name) for name in ("first", "next")], None)
+    plan = BatchPlan(recordings, {"good": FaultyMethodFactory()}, tmp_path / "runs", LIMIT_S)
+    runs = run_batch(plan, Terminal(CapturedTerminal()), threading.Event())
+    assert next(runs)[0] is recordings[0]
+    assert [folder.name for folder in (tmp_path / "runs").iterdir()] == ["first"]
 
 
 @pytest.mark.subprocess
@@ -76,12 +89,12 @@ def test_a_cached_run_is_run_again_by_force_or_with_other_settings(
     first, _ = run_all(recording, tmp_path, {"trial": FaultyMethodFactory()})
     cached, output_text = run_all(recording, tmp_path, {"trial": FaultyMethodFactory()})
     assert "cached" in output_text
-    assert cached[0].outcome.run.wall_s == first[0].outcome.run.wall_s
+    assert cached[0].run.wall_s == first[0].run.wall_s
     _, output_text = run_all(recording, tmp_path, {"trial": FaultyMethodFactory()}, force=True)
     assert "starting" in output_text
     changed, output_text = run_all(recording, tmp_path, {"trial": FaultyMethodFactory("lose it")})
     assert "starting" in output_text
-    assert changed[0].outcome.run.failed == 9
+    assert changed[0].run.failed == 9
 
 
 def test_after_a_stop_no_run_is_started(recording: Path, tmp_path: Path) -> None:

@@ -5,20 +5,18 @@ from dataclasses import replace
 import pytest
 
 from tests.vo_service.tools.compare.sample_runs import (
-    CRASH,
     FRAMES,
     STEP_M,
     make_loop_closure_run,
     make_outcome,
     make_recording,
 )
-from vo_service.tools.compare.batch import BatchResult
 from vo_service.tools.compare.recordings import BenchmarkRecording
-from vo_service.tools.compare.results import RunEvaluation, collect_results, evaluate_run
+from vo_service.tools.compare.results import RunEvaluation, evaluate_run
 
 
 def evaluate_outcome(recording: BenchmarkRecording, **options: object) -> RunEvaluation:
-    return evaluate_run(BatchResult(recording, "surf", make_outcome(recording, **options)))
+    return evaluate_run(recording, make_outcome(recording, **options))
 
 
 def test_a_run_is_evaluated_by_the_truth_of_its_recording() -> None:
@@ -51,7 +49,7 @@ def test_the_reason_for_a_degraded_pose_is_not_one_for_a_lost_frame() -> None:
     frames = outcome.run.frames.copy()
     frames["reason"] = ["no texture"] * 20 + ["lost at 3"] * 20
     degraded = replace(outcome, run=replace(outcome.run, frames=frames))
-    judged = evaluate_run(BatchResult(make_recording(), "direct", degraded))
+    judged = evaluate_run(make_recording(), degraded)
     assert judged.lost_reasons == [("lost at #", 4)]
 
 
@@ -83,12 +81,3 @@ def test_an_optimized_trajectory_is_evaluated_beside_the_methods_own() -> None:
     bare = make_recording(has_truth=False)
     loop_closure = make_loop_closure_run(bare)
     assert evaluate_outcome(bare, loop_closure=loop_closure).optimized_evaluation is None
-
-
-def test_the_results_of_a_recording_are_ready_before_the_next_one_begins() -> None:
-    walk, run = make_recording("walk"), make_recording("run")
-    batch = iter([BatchResult(each, m, CRASH) for each in (walk, run) for m in ("surf", "icp")])
-    first = next(collect_results(batch, 2, "icp"))
-    assert (first.recording, list(first.evaluations)) == (walk, ["surf", "icp"])
-    assert first.reference is first.evaluations["icp"]
-    assert len(list(batch)) == 2

@@ -12,7 +12,7 @@ from tests.conftest import FRAMES
 from tests.resource_leaks import resources_in_use
 from tests.vo_service.tools.compare.faulty_methods import FaultyMethodFactory
 from tests.waiting import DEFAULT_TIMEOUT_S
-from vo_service.tools.compare.batch import RunPreparing, RunProgress, RunRequest, run_in_subprocess
+from vo_service.tools.compare.batch import RunProgress, RunRequest, run_in_subprocess
 from vo_service.tools.compare.run_outcome import RunOutcome, RunState
 from vo_service.tools.compare.worker_main import pin_to_one_cpu
 
@@ -31,7 +31,7 @@ def run_faulty_method(
 
 
 def test_a_complete_run_has_every_frame_with_its_times(recording: Path) -> None:
-    messages: list[RunPreparing | RunProgress] = []
+    messages: list[str | RunProgress] = []
     request = RunRequest(recording, None, FaultyMethodFactory())
     outcome = run_in_subprocess(request, DEFAULT_TIMEOUT_S, messages.append, threading.Event())
     frames = outcome.run.frames
@@ -43,7 +43,7 @@ def test_a_complete_run_has_every_frame_with_its_times(recording: Path) -> None:
     assert np.all(frames["cpu_ms"] >= 0)
     assert list(outcome.run.stage_ms) == ["static"]
     assert outcome.run.memory_mb > 10
-    assert messages[0] == RunPreparing("nothing")
+    assert messages[0] == "nothing"
     assert RunProgress(1, FRAMES) in messages
 
 
@@ -71,11 +71,11 @@ def test_kernels_are_compiled_in_a_separate_process(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    messages: list[RunPreparing | RunProgress] = []
+    messages: list[str | RunProgress] = []
     request = RunRequest(recording, None, FaultyMethodFactory("compile"))
     outcome = run_in_subprocess(request, DEFAULT_TIMEOUT_S, messages.append, threading.Event())
     assert (outcome.state, len(outcome.run.frames)) == (RunState.DONE, FRAMES)
-    assert messages.count(RunPreparing("nothing")) == 2
+    assert messages.count("nothing") == 2
 
 
 def test_a_run_stays_on_one_processor(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 from tests.vo_service.tools.compare.sample_runs import (
+    CRASH,
     FRAMES,
     STEP_M,
     make_loop_closure_run,
@@ -54,6 +55,8 @@ def test_the_reason_for_a_degraded_pose_is_not_one_for_a_lost_frame() -> None:
 
 
 def test_a_run_with_too_few_poses_has_a_reason_for_no_evaluation() -> None:
+    crashed = evaluate_run(make_recording(), CRASH)
+    assert (crashed.coverage, crashed.no_evaluation_reason) == (None, "the run has no result")
     none = evaluate_outcome(make_recording(), lost=range(FRAMES))
     assert (none.coverage, none.no_evaluation_reason) == (0.0, "no frame has a pose")
     few = evaluate_outcome(make_recording(), lost=range(2, FRAMES))

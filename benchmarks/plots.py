@@ -12,17 +12,13 @@ from vo_service.figures import new_figure, render_figure
 Line = tuple[str, ArrayLike, ArrayLike]
 
 
-def save_panels(
-    file: Path, x_label: str, panels: Mapping[str, Sequence[Line]], marks: Sequence[float] = ()
-) -> None:
+def save_panels(file: Path, x_label: str, panels: Mapping[str, Sequence[Line]]) -> None:
     """Plot the lines of each panel, by the label of its axis, from 0 on."""
     figure = new_figure(8, 9, "tight")
     axes = figure.subplots(len(panels), 1, sharex=True)
     for axis, (y_label, lines) in zip(axes, panels.items(), strict=True):
         for label, x, y in lines:
             axis.plot(x, y, label=label, linewidth=1)
-        for mark in marks:
-            axis.axvline(mark, color="gray", linestyle=":")
         axis.set_ylabel(y_label)
         axis.set_ylim(bottom=0)
         axis.grid(visible=True, alpha=0.3)

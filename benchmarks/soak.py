@@ -12,8 +12,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -79,8 +79,7 @@ class SoakSample:
     """One sample of the service.
 
     Attributes:
-        run: Number of earlier starts of the service.
-        frame: Poses received since this start.
+        frame: Poses received so far.
         service_mb: Resident memory of the service's process.
         others_mb: Resident memory of its children together; shared memory counts in both.
         handles: Open files of the service.
@@ -89,11 +88,10 @@ class SoakSample:
         p50_ms: Median latency since the last sample, from a frame's arrival to its received pose.
         p99_ms: 99th percentile of that latency.
         cpu_ms: Processor time per frame since the last sample, all processes together.
-        dropped: Frames that the odometry missed since this start.
-        lost: Poses that the subscriber missed since this start.
+        dropped: Frames that the odometry missed so far.
+        lost: Poses that the subscriber missed so far.
     """
 
-    run: int
     frame: int
     service_mb: float
     others_mb: float
@@ -120,51 +118,17 @@ class SoakCheck(NamedTuple):
         return self.value <= self.limit
 
 
-@dataclass
-class SoakRecord:
-    """All samples in their order."""
-
-    file: Path
-    samples: list[SoakSample] = field(default_factory=list)
-
-    @classmethod
-    def load(cls, file: Path) -> "SoakRecord":
-        """Load the samples of a file; an empty record if there is none."""
-        if not file.exists():
-            return cls(file)
-        return cls(file, [SoakSample(**each) for each in json.loads(file.read_text())])
-
-    def add(self, sample: SoakSample) -> None:
-        """Add a sample and store it, so that an interruption loses nothing."""
-        self.samples.append(sample)
-        atomic_write(self.file, json.dumps([asdict(each) for each in self.samples]).encode())
-
-    @property
-    def run_ends(self) -> list[SoakSample]:
-        """The last sample of each start of the service."""
-        return list({sample.run: sample for sample in self.samples}.values())
-
-    @property
-    def runs(self) -> int:
-        """Number of starts of the service."""
-        return len(self.run_ends)
-
-    @property
-    def frames(self) -> int:
-        """Number of received poses in all runs."""
-        return sum(sample.frame for sample in self.run_ends)
-
-
-def check_soak(record: SoakRecord, warm_up: int) -> list[SoakCheck]:
+def check_soak(samples: Sequence[SoakSample], warm_up: int) -> list[SoakCheck]:
     """Check that memory, handles, threads and latency are constant, and that nothing was lost.
 
     Args:
-        warm_up: Frames of each run that do not count.
+        samples: In their order.
+        warm_up: Frames at the begin that do not count.
 
     Raises:
-        ValueError: A run has fewer than three samples after its warm-up.
+        ValueError: There are fewer than three samples after the warm-up.
     """
-    warm = [sample for sample in record.samples if sample.frame > warm_up]
+    warm = [sample for sample in samples if sample.frame > warm_up]
     if len(warm) < 3:
         raise ValueError("too few samples after the warm-up")
     return [
@@ -175,15 +139,14 @@ def check_soak(record: SoakRecord, warm_up: int) -> list[SoakCheck]:
         SoakCheck("children", slope(warm, "children"), 0.1, "/10,000"),
         SoakCheck("latency, median, end to start", growth(warm, "p50_ms"), 1.2, "times"),
         SoakCheck("latency, 99 %, end to start", growth(warm, "p99_ms"), 1.5, "times"),
-        SoakCheck("poses lost in transmission", sum(s.lost for s in record.run_ends), 0, ""),
+        SoakCheck("poses lost in transmission", samples[-1].lost, 0, ""),
     ]
 
 
 def slope(samples: Sequence[SoakSample], name: str) -> float:
-    """Growth in 10,000 frames: least squares over all runs, each with its own offset."""
-    frames, values = _center(samples, "frame"), _center(samples, name)
-    spread = float(frames @ frames)
-    return SLOPE_FRAMES * float(frames @ values) / spread if spread else 0.0
+    """Growth in 10,000 frames, by least squares."""
+    frames = values_of(samples, "frame") / SLOPE_FRAMES
+    return float(np.polyfit(frames, values_of(samples, name), 1)[0])
 
 
 def growth(samples: Sequence[SoakSample], name: str) -> float:
@@ -197,14 +160,6 @@ def values_of(samples: Sequence[SoakSample], name: str) -> Array:
     return np.array([getattr(sample, name) for sample in samples], np.float64)
 
 
-def _center(samples: Sequence[SoakSample], name: str) -> Array:
-    """Values of each run minus their mean."""
-    runs, values = values_of(samples, "run"), values_of(samples, name)
-    for run in np.unique(runs):
-        values[runs == run] -= values[runs == run].mean()
-    return values
-
-
 # The lines of each panel of the plot: figures of a sample, by their name in the plot.
 PANELS: Mapping[str, Mapping[str, str]] = {
     "memory, MB": {"service": "service_mb", "its children": "others_mb"},
@@ -214,25 +169,24 @@ PANELS: Mapping[str, Mapping[str, str]] = {
 }
 
 
-def save_plot(record: SoakRecord, file: Path) -> None:
-    """Plot all samples; dotted lines mark restarts of the service."""
-    before = np.cumsum([0, *(sample.frame for sample in record.run_ends)])[:-1]
-    at = [(before[sample.run] + sample.frame) / 1000 for sample in record.samples]
+def save_plot(samples: Sequence[SoakSample], file: Path) -> None:
+    """Plot all samples."""
+    at = values_of(samples, "frame") / 1000
     panels = {
-        axis: [(label, at, values_of(record.samples, name)) for label, name in lines.items()]
+        axis: [(label, at, values_of(samples, name)) for label, name in lines.items()]
         for axis, lines in PANELS.items()
     }
-    save_panels(file, "thousand frames", panels, (before[1:] / 1000).tolist())
+    save_panels(file, "thousand frames", panels)
 
 
-@option("state", type=Path, help="file of samples; an existing one is continued")
+@option("state", type=Path, help="file of samples to write")
 @option("--frames", type=int, default=200_000, help="total frames (default: 200000)")
 @option("--rate", type=float, default=60.0, help="frames per second (default: 60)")
 @option(
     "--warm-up",
     type=int,
     default=WARM_UP_FRAMES,
-    help="skipped frames of each run (default: 25000)",
+    help="frames at the begin that do not count (default: 25000)",
 )
 @option("--plot", type=Path, help="plot to write")
 def soak_service(args: argparse.Namespace) -> int:
@@ -240,74 +194,55 @@ def soak_service(args: argparse.Namespace) -> int:
 
     The service plays the virtual Kinect's 300 frames in a loop at `--rate`. The viewer records into
     rotating files, and the flight recorder runs. Every 1000 frames a sample is taken: memory, open
-    handles, threads, children, latency, processor time.
-
-    Samples are stored in STATE.json at once. After an interruption (Ctrl-C, a crash, a reboot) the
-    same command starts the service again and continues until all poses are received. Slopes are
-    fitted over all runs, each with its own offset and without its warm-up. Exit code 1 if memory
-    grows by 1 MB or more in 10,000 frames, or another resource is not constant.
+    handles, threads, children, latency, processor time. STATE.json gets each sample at once. Exit
+    code 1 if memory grows by 1 MB or more in 10,000 frames after the warm-up, or another resource
+    is not constant.
     """
-    record = SoakRecord.load(args.state)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         config = CONFIG.format(
             folder=folder, rate=args.rate, duration_s=SEQUENCE_FRAMES / args.rate
         )
-        if record.frames < args.frames:
-            file = folder / "room.toml"
-            file.write_text(f"schema = 1\n{config}")
-            prerender_room(read_config(file).synthetic)
-            # A new process: the memory of a fork is in part that of its parent.
-            with running_service(
-                folder, {}, source="synthetic", more_config=config, popen=subprocess.Popen
-            ) as service:
-                SoakRun(service, record, args.rate).run_until(args.frames)
-                if service.stop() != 0:
-                    raise RuntimeError(f"the service did not exit cleanly: {service.log}")
+        file = folder / "room.toml"
+        file.write_text(f"schema = 1\n{config}")
+        prerender_room(read_config(file).synthetic)
+        # A new process: the memory of a fork is in part that of its parent.
+        with running_service(
+            folder, {}, source="synthetic", more_config=config, popen=subprocess.Popen
+        ) as service:
+            samples: list[SoakSample] = []
+            for sample in take_soak_samples(service, args.frames, args.rate):
+                samples.append(sample)
+                atomic_write(args.state, json.dumps(list(map(asdict, samples))).encode())
+                print(f"{sample.frame} of {args.frames} frames", file=sys.stderr, flush=True)
+            if service.stop() != 0:
+                raise RuntimeError(f"the service did not exit cleanly: {service.log}")
     if args.plot is not None:
-        save_plot(record, args.plot)
-    return report_growth(record, args.warm_up)
+        save_plot(samples, args.plot)
+    return report_growth(samples, args.warm_up)
 
 
-class SoakRun:
-    """One run of the service, from its first pose on."""
-
-    def __init__(self, service: ServiceProcess, record: SoakRecord, rate: float) -> None:
-        self._service = service
-        self._record = record
-        self._limit_s = TIMEOUT_FACTOR * SAMPLE_FRAMES / rate
-        self._run, self._frame, self._lost = record.runs, 0, 0
-        self._wall_s = wall_clock_offset_s()
-        service.wait_until_streaming(time.monotonic())
-        self._meter = LoadMeter(service.process.pid)
-
-    def run_until(self, frames: int) -> None:
-        """Sample every thousand frames until the record has `frames` frames."""
-        subscriber = self._service.received
-        while self._record.frames < frames:
-            if not subscriber.wait_for(
-                lambda: len(subscriber.poses) > SAMPLE_FRAMES, self._limit_s
-            ):
-                raise RuntimeError(
-                    f"the service stopped publishing poses; its log: {self._service.log}"
-                )
-            self._record.add(self._sample())
-            print(f"{self._record.frames} of {frames} frames", file=sys.stderr, flush=True)
-
-    def _sample(self) -> SoakSample:
-        subscriber = self._service.received
+def take_soak_samples(service: ServiceProcess, frames: int, rate: float) -> Iterator[SoakSample]:
+    """Yield a sample every thousand frames, until `frames` poses are received."""
+    service.wait_until_streaming(time.monotonic())
+    main, received, wall_s = service.process.pid, service.received, wall_clock_offset_s()
+    frame, lost, meter = 0, 0, LoadMeter(main)
+    while frame < frames:
+        if not received.wait_for(
+            lambda: len(received.poses) > SAMPLE_FRAMES, TIMEOUT_FACTOR * SAMPLE_FRAMES / rate
+        ):
+            raise RuntimeError(f"the service stopped publishing poses; its log: {service.log}")
         # The last pose stays: the next sample counts from it.
-        poses = subscriber.poses[: SAMPLE_FRAMES + 1]
-        del subscriber.poses[:SAMPLE_FRAMES], subscriber.statuses[:-1]
-        latency_ms = [1e3 * (p.receive_time_s - (p.stamp_s - self._wall_s)) for p in poses[1:]]
+        poses = received.poses[: SAMPLE_FRAMES + 1]
+        del received.poses[:SAMPLE_FRAMES], received.statuses[:-1]
+        latency_ms = [1e3 * (p.receive_time_s - (p.stamp_s - wall_s)) for p in poses[1:]]
         p50_ms, p99_ms = np.percentile(latency_ms, (50, 99))
-        self._frame += len(poses) - 1
-        self._lost += poses[-1].seq - poses[0].seq - (len(poses) - 1)
-        main, others = self._service.process.pid, descendants_of(self._service.process.pid)
-        load, self._meter = self._meter.read(), LoadMeter(main)
-        return SoakSample(
-            run=self._run,
-            frame=self._frame,
+        frame += SAMPLE_FRAMES
+        lost += poses[-1].seq - poses[0].seq - SAMPLE_FRAMES
+        others = descendants_of(main)
+        load, meter = meter.read(), LoadMeter(main)
+        yield SoakSample(
+            frame=frame,
             service_mb=memory_mb(main, "VmRSS"),
             others_mb=sum(memory_mb(each, "VmRSS") for each in others if is_alive(each)),
             handles=count_open_files_of(main),
@@ -315,22 +250,22 @@ class SoakRun:
             children=len(others),
             p50_ms=float(p50_ms),
             p99_ms=float(p99_ms),
-            cpu_ms=load.per_frame_ms(len(poses) - 1),
-            dropped=self._service.status["camera"]["dropped"],
-            lost=self._lost,
+            cpu_ms=load.per_frame_ms(SAMPLE_FRAMES),
+            dropped=service.status["camera"]["dropped"],
+            lost=lost,
         )
 
 
-def report_growth(record: SoakRecord, warm_up: int) -> int:
+def report_growth(samples: Sequence[SoakSample], warm_up: int) -> int:
     """Print the figures; return 1 if one exceeds its limit."""
-    last = record.samples[-1]
-    print(f"{record.frames} frames in {record.runs} run(s), {len(record.samples)} samples")
+    last = samples[-1]
+    print(f"{last.frame} frames, {len(samples)} samples")
     print(
         f"the last: service {last.service_mb:.1f} MB, children {last.others_mb:.1f} MB, "
         f"{last.handles} handles, {last.threads} threads, latency {last.p50_ms:.1f} ms "
         f"(99 %: {last.p99_ms:.1f} ms), CPU {last.cpu_ms:.1f} ms per frame, {last.dropped} dropped"
     )
-    checks = check_soak(record, warm_up)
+    checks = check_soak(samples, warm_up)
     for each in checks:
         print(
             f"{each.name:32} {each.value:8.3f} {each.unit:10} limit {each.limit:g}  "

@@ -23,9 +23,8 @@ import numpy as np
 
 from benchmarks.harness import Json, ResultCache, Table, known_median, option
 from benchmarks.relocalization import TourSequence
-from benchmarks.tours import LoopClosureRunner, make_runner
+from benchmarks.tours import LoopClosureRunner
 from benchmarks.tracking import METHOD, is_gross, pose_error
-from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse
 from vo_service.config_tables import MapConfig
 from vo_service.odometry.warm_up import warm_up
@@ -35,7 +34,6 @@ from vo_service.slam.synchronous_loop_closure import (
     create_loop_closer_from_map,
 )
 from vo_service.terminal import Terminal
-from vo_service.types.odometry_update import OdometryUpdate
 
 # Most frames of a start in the second session, and frames after its relocalization.
 MAX_FRAMES, SETTLE_FRAMES = 300, 30
@@ -76,10 +74,10 @@ def second_half_start(tour: TourSequence) -> int:
 
 def build_map(method: str, tour: TourSequence, file: Path) -> Array:
     """Save the map of the first half; return T_room_map (4, 4)."""
-    runner = make_runner(method)
+    runner = LoopClosureRunner(method)
     T_room_map = np.eye(4)
     for number in range(second_half_start(tour)):
-        update = _track_frame(runner, tour.frame(number))
+        update = runner.process(tour.frame(number))
         if number == 0:
             T_room_map = tour.T_room_camera[0] @ inverse(update.T_odom_camera)
     runner.map.close()
@@ -99,7 +97,7 @@ def relocalize_in_map(
     count = 0
     max_count = min(MAX_FRAMES, len(tour.T_room_camera) - first)
     while count < max_count and len(errors) <= SETTLE_FRAMES:
-        update = _track_frame(runner, tour.frame(first + count))
+        update = runner.process(tour.frame(first + count))
         snapshot = runner.map.snapshot
         if snapshot.is_localized and update.estimate.ok:
             T_map_camera = snapshot.T_map_odom @ update.T_odom_camera
@@ -112,13 +110,6 @@ def relocalize_in_map(
     return SessionStartResult(
         count - len(errors) + 1, *errors[0], float(settled_m), float(settled_deg)
     )
-
-
-def _track_frame(runner: LoopClosureRunner, frame: RgbdFrame) -> OdometryUpdate:
-    runner.estimate_pose(frame)
-    runner.update_map()
-    assert runner.last_update is not None
-    return runner.last_update
 
 
 @option("folder", type=Path, help="folder of rendered frames, maps and results")

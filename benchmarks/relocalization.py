@@ -27,7 +27,12 @@ from numpy.typing import NDArray
 
 from benchmarks.harness import Json, ResultCache, Table, known_median, option
 from benchmarks.rendered_sequences import THREADS
-from benchmarks.tours import compute_true_poses, make_runner, make_tour_config, make_tour_frame
+from benchmarks.tours import (
+    LoopClosureRunner,
+    compute_true_poses,
+    make_tour_config,
+    make_tour_frame,
+)
 from benchmarks.tracking import METHOD, is_gross, pose_error
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import Array, inverse, transform_points
@@ -129,9 +134,9 @@ class ObservedView:
         return float(np.count_nonzero(is_same)) / len(other.points_m)
 
 
-def max_overlap(view: ObservedView, before: Sequence[ObservedView]) -> float:
-    """Largest overlap of a view with one of the views before."""
-    return max((one.overlap_with(view) for one in before), default=0.0)
+def view_overlaps(views: Sequence[ObservedView]) -> Array:
+    """The fraction (V, V) of the points of each view, by column, that each view shows, by row."""
+    return np.array([[view.overlap_with(other) for other in views] for view in views])
 
 
 @dataclass(frozen=True)
@@ -159,41 +164,32 @@ class RelocalizationTrial:
 
 
 def choose_trials(
-    views: Sequence[ObservedView], count: int, unseen: bool, rng: np.random.Generator
+    overlaps: Array, count: int, unseen: bool, rng: np.random.Generator
 ) -> list[RelocalizationTrial]:
     """Choose up to `count` trials with different first frames.
 
     Args:
+        overlaps: Of all views of the tour, as of `view_overlaps`.
         unseen: Whether the place of the return is unseen before the cover, or seen.
     """
-    fits = _is_return_unseen if unseen else _is_return_seen
-    span, after = FRAMES_BEFORE // VIEW_STRIDE, FRAMES_AFTER // VIEW_STRIDE
+    span, covered, after = (
+        frames // VIEW_STRIDE for frames in (FRAMES_BEFORE, FRAMES_COVERED, FRAMES_AFTER)
+    )
+    compared = (after if unseen else SEEN_FRAMES // VIEW_STRIDE) + 1
     chosen: list[RelocalizationTrial] = []
-    for first in rng.permutation(len(views) - span):
-        before = views[first : first + span]
-        later = np.arange(first + span + FRAMES_COVERED // VIEW_STRIDE, len(views) - after)
+    for first in rng.permutation(len(overlaps) - span):
+        before = overlaps[first : first + span]
+        known = before.max(axis=0)
+        fits = known <= MAX_UNSEEN_OVERLAP if unseen else known >= MIN_SEEN_OVERLAP
         # Later places are tried in random order.
-        for back in rng.permutation(later):
-            if fits(before, views[back : back + after + 1]):
-                overlap = first + np.argmax([view.overlap_with(views[back]) for view in before])
-                chosen.append(
-                    RelocalizationTrial(
-                        *(VIEW_STRIDE * int(view) for view in (first, back, overlap))
-                    )
-                )
+        for back in rng.permutation(np.arange(first + span + covered, len(overlaps) - after)):
+            if fits[back : back + compared].all():
+                views = (first, back, first + before[:, back].argmax())
+                chosen.append(RelocalizationTrial(*(VIEW_STRIDE * int(view) for view in views)))
                 break
         if len(chosen) == count:
             break
     return chosen
-
-
-def _is_return_seen(before: Sequence[ObservedView], after: Sequence[ObservedView]) -> bool:
-    first_second = after[: SEEN_FRAMES // VIEW_STRIDE + 1]
-    return all(max_overlap(view, before) >= MIN_SEEN_OVERLAP for view in first_second)
-
-
-def _is_return_unseen(before: Sequence[ObservedView], after: Sequence[ObservedView]) -> bool:
-    return all(max_overlap(view, before) <= MAX_UNSEEN_OVERLAP for view in after)
 
 
 def trial_frames(trial: RelocalizationTrial, tour: TourSequence) -> Iterator[RgbdFrame]:
@@ -309,14 +305,13 @@ def _measure(args: argparse.Namespace, seed: int, count: int) -> Json:
         ObservedView.from_frame(tour.frame(number), tour.T_room_camera[number])
         for number in range(0, len(tour.T_room_camera), VIEW_STRIDE)
     ]
-    trials = choose_trials(views, count, args.unseen, np.random.default_rng([seed, 12]))
+    rng = np.random.default_rng([seed, 12])
+    trials = choose_trials(view_overlaps(views), count, args.unseen, rng)
     outcomes = []
     for number, trial in enumerate(trials, 1):
         terminal.progress(f"room {seed}: trial", number, len(trials))
-        runner, estimates = make_runner(args.method), list[Estimate]()
-        for frame in trial_frames(trial, tour):
-            estimates.append(runner.estimate_pose(frame))
-            runner.update_map()
+        runner = LoopClosureRunner(args.method)
+        estimates = [runner.process(frame).estimate for frame in trial_frames(trial, tour)]
         truth = tour.T_room_camera[trial.source_frames]
         outcomes.append(evaluate_trial(estimates, truth, trial.overlap_frame - trial.first))
     terminal.clear()

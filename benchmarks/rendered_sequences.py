@@ -66,16 +66,12 @@ def make_frame(
 def prefetch(make: Callable[[int], T], count: int) -> Iterator[T]:
     """Yield `make` of 0 to `count` - 1 in order; threads make the next few ahead."""
     with ThreadPoolExecutor(THREADS) as pool:
-        made: deque[Future[T]] = deque()
-        try:
-            for number in range(count):
-                made.append(pool.submit(make, number))
-                if len(made) > PREFETCH_COUNT:
-                    yield made.popleft().result()
-            while made:
+        made = deque[Future[T]]()
+        for number in range(count):
+            made.append(pool.submit(make, number))
+            if len(made) > PREFETCH_COUNT:
                 yield made.popleft().result()
-        finally:
-            pool.shutdown(cancel_futures=True)
+        yield from (future.result() for future in made)
 
 
 class GivenPoses(CameraMotion):

@@ -4,9 +4,9 @@
 
 Each seed is another room and another tour. Frames are rendered on demand and not stored: that takes
 0.11 s of processor time per frame, or a quarter of an hour on two idle cores for ten minutes.
-FOLDER stores the arrays of each tour (stamps, truth, poses, milliseconds, memory) as .npz, and the
-figures in results.json. Finished tours are not run again; remove FOLDER to measure again. With
---twins two corners of the room look the same.
+FOLDER stores the arrays of each tour (stamps, truth, poses, milliseconds, memory) as .npz. Finished
+tours are not run again; remove FOLDER to measure again. With --twins two corners of the room look
+the same.
 
 "ATE" is that of all estimated poses, in millimeters; "optimized" that of the optimized poses at the
 end. Gross errors are steps, and wrong loop closures are those, with an error above 5 cm or 3
@@ -24,7 +24,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.harness import Json, ResultCache, Table, measure_cpu_ms, option
+from benchmarks.harness import Json, Table, measure_cpu_ms, option
 from benchmarks.plots import Line, save_panels
 from benchmarks.processes import memory_mb
 from benchmarks.rendered_sequences import THREADS, make_frame, prefetch
@@ -52,7 +52,6 @@ from vo_service.tools.evaluation.metrics import (
     count_gross_errors,
     position_errors_m,
 )
-from vo_service.types.estimate import Estimate
 from vo_service.types.odometry_update import OdometryUpdate
 
 MINUTE_S = 60.0
@@ -147,7 +146,9 @@ class TourRecord:
 
     def save(self, file: Path) -> None:
         """Save the arrays in a .npz file."""
-        np.savez_compressed(file, **vars(self))
+        part = file.with_suffix(".part.npz")
+        np.savez_compressed(part, **vars(self))
+        part.rename(file)
 
     @classmethod
     def load(cls, file: Path) -> "TourRecord":
@@ -170,31 +171,30 @@ class LoopClosureRunner:
 
     Attributes:
         map: The map.
-        last_update: The update of the last frame.
+        cpu_ms: Processor time of the last frame: of its pose, and then of the map.
     """
 
-    def __init__(self, method: str, loop_closure: SynchronousLoopClosure) -> None:
-        """`loop_closure` may have a loaded map."""
-        self.map = loop_closure
-        self._odometry = loop_closure.wrap(METHODS[method](MethodConfig(), CpuStageTimer()))
-        self._tracker = OdomFrame()
-        self.last_update: OdometryUpdate | None = None
+    def __init__(self, method: str, loop_closure: SynchronousLoopClosure | None = None) -> None:
+        """`loop_closure` may have a loaded map; by default it is new."""
+        self.map = loop_closure or create_synchronous_loop_closure(MapConfig())
+        self.cpu_ms = 0.0, 0.0
+        self._odometry = self.map.wrap(METHODS[method](MethodConfig(), CpuStageTimer()))
+        self._odom_frame = OdomFrame()
 
-    def estimate_pose(self, frame: RgbdFrame) -> Estimate:
-        """Estimate the pose of the next frame."""
+    def process(self, frame: RgbdFrame) -> OdometryUpdate:
+        """Estimate the pose of the next frame, and then update the map."""
+        update, pose_ms = measure_cpu_ms(partial(self._estimate, frame))
+        _, map_ms = measure_cpu_ms(partial(self.map.on_update, update))
+        self.cpu_ms = pose_ms, map_ms
+        return update
+
+    def _estimate(self, frame: RgbdFrame) -> OdometryUpdate:
         estimate = self._odometry.estimate(frame)
-        self.last_update = self._tracker.update(
-            StampedFrame(frame, frame.stamp_s), estimate, {}, 0.0
-        )
-        return estimate
+        return self._odom_frame.update(StampedFrame(frame, frame.stamp_s), estimate, {}, 0.0)
 
-    def update_map(self) -> None:
-        """Do the map's work after the pose of a frame."""
-        if self.last_update is not None:
-            self.map.on_update(self.last_update)
-
-    def optimized_trajectory(self) -> Trajectory:
-        """Return the optimized poses after the last frame."""
+    @property
+    def optimized(self) -> Trajectory:
+        """The optimized poses after the last frame."""
         return self.map.trajectory
 
     def loop_closures(self) -> tuple[Array, Array]:
@@ -207,11 +207,6 @@ class LoopClosureRunner:
         stamps_s = [(database[edge.a].stamp_s, database[edge.b].stamp_s) for edge in loops]
         motions = np.array([edge.T_a_b for edge in loops])
         return np.array(stamps_s).reshape(-1, 2), motions.reshape(-1, 4, 4)
-
-
-def make_runner(method: str) -> LoopClosureRunner:
-    """Make the runner of a method with loop closure."""
-    return LoopClosureRunner(method, create_synchronous_loop_closure(MapConfig()))
 
 
 def format_row(name: str, result: Json) -> str:
@@ -233,16 +228,14 @@ def run_tour(
     """Run all frames without storing them."""
     rows = []
     for frame in frames:
-        estimate, cpu_ms = measure_cpu_ms(partial(runner.estimate_pose, frame))
-        _, map_ms = measure_cpu_ms(runner.update_map)
+        estimate = runner.process(frame).estimate
         pose = (estimate.T_world_camera, estimate.ok, estimate.is_reset)
-        row = (frame.stamp_s, *pose, cpu_ms, map_ms, memory_mb(os.getpid(), "VmRSS"))
-        rows.append(row)
+        rows.append((frame.stamp_s, *pose, *runner.cpu_ms, memory_mb(os.getpid(), "VmRSS")))
         progress(len(rows), len(T_room_camera))
     stamp_s, T_world_camera, is_ok, is_reset, pose_ms, loop_closure_ms, used_mb = (
         np.array(column) for column in zip(*rows, strict=True)
     )
-    optimized = runner.optimized_trajectory()
+    optimized = runner.optimized
     return TourRecord(
         stamp_s,
         T_room_camera[: len(rows)],
@@ -326,29 +319,30 @@ def _windows(record: TourRecord) -> list[NDArray[np.intp]]:
 @option("--plot", type=Path, metavar="FILE", help="error, CPU and memory over time")
 def main(args: argparse.Namespace) -> None:
     """Run the tours without stored results, and print all."""
-    cache, names = ResultCache(args.folder), list[str]()
     warm_up(args.method, lambda stage: None)
+    args.folder.mkdir(parents=True, exist_ok=True)
     print(TABLE.head)
+    records = {}
     for seed in args.seeds:
         name = f"{'twins' if args.twins else 'tour'}-{args.seconds:g}s-{seed}-{args.method}"
         config = make_tour_config(seed, args.seconds, args.twins)
         file = args.folder / f"{name}.npz"
-        result = cache.get_or_run(name, partial(_measure, args.method, config, file))
-        print(format_row(name, result), flush=True)
-        names.append(name)
+        if not file.exists():
+            record_tour(args.method, config, file)
+        records[name] = TourRecord.load(file)
+        print(format_row(name, summarize(records[name])), flush=True)
     if args.plot:
-        records = {name: TourRecord.load(args.folder / f"{name}.npz") for name in names}
         save_plot(records, args.plot)
 
 
-def _measure(method: str, config: SyntheticConfig, file: Path) -> Json:
+def record_tour(method: str, config: SyntheticConfig, file: Path) -> None:
+    """Run a tour, and save its arrays."""
     terminal = Terminal()
     record = run_tour(
-        make_runner(method),
+        LoopClosureRunner(method),
         render_frames(config),
         compute_true_poses(config),
         partial(terminal.progress, f"{file.stem}: frame"),
     )
     record.save(file)
     terminal.clear()
-    return summarize(record)

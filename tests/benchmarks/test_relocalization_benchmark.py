@@ -1,6 +1,5 @@
 """Relocalization trials: their choice by view overlap, and their evaluation by the truth."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -21,7 +20,6 @@ from benchmarks.relocalization import (
     choose_trials,
     evaluate_trial,
     format_row,
-    max_overlap,
     trial_frames,
 )
 from benchmarks.tours import compute_true_poses, make_tour_config
@@ -30,9 +28,11 @@ from drivers.core.geometry import Array, inverse, rigid_transform, so3_exp
 from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.sensors import RenderedImages
 from tests.vo_service.fakes import make_frame
+from tests.vo_service.outputs.sample_updates import make_update
 from vo_service.odometry.registry import METHODS, MethodConfig
 from vo_service.types.estimate import Estimate
 from vo_service.types.odometry import NullStageTimer
+from vo_service.types.odometry_update import OdometryUpdate
 
 CAMERA = PinholeCamera(640, 480, 525.0, 525.0, 319.5, 239.5)
 TINY = PinholeCamera(64, 48, 52.5, 52.5, 31.5, 23.5)
@@ -62,26 +62,11 @@ def test_the_overlap_of_two_views_is_what_both_see() -> None:
     turned = rigid_transform(so3_exp([0.0, np.pi, 0.0]), (0.0, 0.0, 0.0))
     assert here.overlap_with(ObservedView.from_frame(wall(), turned)) == 0.0
     assert here.overlap_with(ObservedView.from_frame(wall(1.8), np.eye(4))) == 0.0
-    assert max_overlap(aside, [here, aside]) == 1.0
-    assert max_overlap(aside, []) == 0.0
-
-
-class NumberedView(ObservedView):
-    """A view of a numbered place without overlap with other places."""
-
-    def overlap_with(self, other: ObservedView) -> float:
-        """1 for the same place, else 0."""
-        return float(self.T_room_camera[0, 3] == other.T_room_camera[0, 3])
-
-
-def place(number: int) -> NumberedView:
-    T = np.eye(4)
-    T[0, 3] = number
-    return NumberedView(CAMERA, T, np.empty((0, 3)), np.empty((0, 0), np.float16))
 
 
 # Two laps past fifty places, and five seconds elsewhere.
-LAPS = [place(number % 50) for number in range(100)] + [place(99) for _ in range(10)]
+PLACES = np.array([*(number % 50 for number in range(100)), *[99] * 10])
+LAPS = np.equal.outer(PLACES, PLACES).astype(float)
 
 
 @pytest.mark.parametrize("unseen", [False, True])
@@ -89,22 +74,20 @@ def test_a_trial_returns_to_a_seen_or_an_unseen_place(unseen: bool) -> None:
     tries = choose_trials(LAPS, 10, unseen, np.random.default_rng(1))
     assert len({each.first for each in tries}) == len(tries) == 10
     for each in tries:
-        views = [LAPS[shown // VIEW_STRIDE] for shown in each.source_frames]
+        views = [PLACES[shown // VIEW_STRIDE] for shown in each.source_frames]
         assert len(views) == FRAMES_BEFORE + FRAMES_COVERED + FRAMES_AFTER
         assert each.return_frame >= each.first + BACK
         assert each.first <= each.overlap_frame < each.first + FRAMES_BEFORE
-        is_alike = max_overlap(
-            LAPS[each.return_frame // VIEW_STRIDE], [LAPS[each.overlap_frame // VIEW_STRIDE]]
-        )
-        assert is_alike == (0.0 if unseen else 1.0)
-        is_known = [max_overlap(view, views[:FRAMES_BEFORE]) for view in views[BACK:]]
-        assert set(is_known[:30]) == {0.0 if unseen else 1.0}
+        is_alike = PLACES[each.overlap_frame // VIEW_STRIDE] == views[BACK]
+        assert is_alike != unseen
+        known = set(views[:FRAMES_BEFORE])
+        assert {view in known for view in views[BACK:][:30]} == {not unseen}
 
 
 def test_there_are_no_more_trials_than_the_tour_allows() -> None:
-    tries = choose_trials(LAPS[:60], 100, False, np.random.default_rng(1))
+    tries = choose_trials(LAPS[:60, :60], 100, False, np.random.default_rng(1))
     assert len(tries) < 20
-    assert choose_trials(LAPS[:48], 100, True, np.random.default_rng(1)) == []
+    assert choose_trials(LAPS[:48, :48], 100, True, np.random.default_rng(1)) == []
 
 
 def test_covered_frames_are_black_and_have_increasing_stamps() -> None:
@@ -251,7 +234,7 @@ def test_finished_seeds_are_not_measured_again(
         return replace(config, camera=TINY, texel_m=0.05)
 
     monkeypatch.setattr(relocalization, "make_tour_config", tiny)
-    monkeypatch.setattr(relocalization, "make_runner", OdometryRunner)
+    monkeypatch.setattr(relocalization, "LoopClosureRunner", OdometryRunner)
     monkeypatch.setattr(relocalization, "SEQUENCE_S", 27.0)
     monkeypatch.setattr(relocalization, "choose_trials", _two_trials)
     arguments = ["relocalization", str(tmp_path), "--tries", "3", "--seeds", "1"]
@@ -270,16 +253,13 @@ class OdometryRunner:
     def __init__(self, method: str) -> None:
         self._odometry = METHODS[method](MethodConfig(), NullStageTimer())
 
-    def estimate_pose(self, frame: RgbdFrame) -> Estimate:
+    def process(self, frame: RgbdFrame) -> OdometryUpdate:
         """Estimate the pose of the next frame."""
-        return self._odometry.estimate(frame)
-
-    def update_map(self) -> None:
-        """Do nothing."""
+        return replace(make_update(frame.seq), estimate=self._odometry.estimate(frame))
 
 
 def _two_trials(
-    views: Sequence[ObservedView], count: int, unseen: bool, rng: np.random.Generator
+    overlaps: Array, count: int, unseen: bool, rng: np.random.Generator
 ) -> list[RelocalizationTrial]:
-    assert (len(views), count, unseen) == (54, 3, False)
+    assert (len(overlaps), count, unseen) == (54, 3, False)
     return [RelocalizationTrial(0, 700, 0), RelocalizationTrial(15, 730, 15)]

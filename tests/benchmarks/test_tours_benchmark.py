@@ -27,7 +27,9 @@ from drivers.core.geometry import Array, Trajectory, inverse
 from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.renderer import make_renderer
 from tests.vo_service.fakes import make_frame
+from tests.vo_service.outputs.sample_updates import make_update
 from vo_service.types.estimate import Estimate
+from vo_service.types.odometry_update import OdometryUpdate
 
 TINY = PinholeCamera(64, 48, 52.5, 52.5, 31.5, 23.5)
 LOST = 3
@@ -45,14 +47,15 @@ class ScriptedRunner(LoopClosureRunner):
     offset_m: float = 0.0
     closures: tuple[Array, Array] = (np.empty((0, 2)), np.empty((0, 4, 4)))
 
-    def estimate_pose(self, frame: RgbdFrame) -> Estimate:
-        """Return the scripted pose; none at frame LOST."""
-        return Estimate(frame.seq != LOST, "", self.poses[frame.seq], np.eye(4), np.eye(6))
+    def process(self, frame: RgbdFrame) -> OdometryUpdate:
+        """Return an update with the scripted pose; none at frame LOST."""
+        self.cpu_ms = 1.0, 0.5
+        is_ok = frame.seq != LOST
+        estimate = Estimate(is_ok, "", self.poses[frame.seq], np.eye(4), np.eye(6))
+        return replace(make_update(frame.seq), estimate=estimate)
 
-    def update_map(self) -> None:
-        """Do nothing."""
-
-    def optimized_trajectory(self) -> Trajectory:
+    @property
+    def optimized(self) -> Trajectory:
         """Shift every other pose up."""
         poses = self.poses.copy()
         poses[::2, 2, 3] += self.offset_m
@@ -146,7 +149,7 @@ def test_a_finished_tour_is_not_run_again(
 ) -> None:
     monkeypatch.setattr(tours, "make_tour_config", tiny_tour)
     poses = compute_true_poses(tiny_tour(1, 0.2, twins=False))
-    monkeypatch.setattr(tours, "make_runner", lambda method: ScriptedRunner(poses))
+    monkeypatch.setattr(tours, "LoopClosureRunner", lambda method: ScriptedRunner(poses))
     folder = tmp_path / "new"
     arguments = ["tours", str(folder), "--seconds", "0.2", "--seeds", "1", "2", "--method", "icp"]
     assert main(arguments) == 0

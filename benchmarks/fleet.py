@@ -21,7 +21,7 @@ from pathlib import Path
 from benchmarks.harness import Table, option
 from benchmarks.piped_process import print_ready, running_process
 from benchmarks.processes import Load, LoadMeter
-from benchmarks.subscriber import Arrivals, running_subscriber
+from benchmarks.subscriber import Arrivals, end_subscriber, running_subscriber
 from tests.ports import free_port, is_listening
 from tests.vo_service.outputs.sample_updates import make_update
 from tests.vo_service.security.tls_network import HOST, VALIDITY_DAYS, TlsNetwork
@@ -111,13 +111,13 @@ def run_fleet(folder: Path, robots: int, seconds: int, processes: int) -> tuple[
         ]
         for publisher in publishers:
             publisher.wait_until_ready()  # each robot has discovered the reader
-        meter = LoadMeter(*(each.pid for each in (router, reader.process, *publishers)))
+        meter = LoadMeter(*(each.pid for each in (router, reader, *publishers)))
         for publisher in publishers:
             publisher.send("go")
         for publisher in publishers:
             publisher.wait_until_ready()  # all poses are published
         load = meter.read()
-        return reader.end(), load
+        return end_subscriber(reader), load
 
 
 def publish_poses(seconds: int, files: list[Path]) -> None:

@@ -11,8 +11,9 @@ import numpy as np
 
 from drivers.camera import RgbdFrame
 from drivers.playback.camera import RecordingCamera
+from tests.vo_service.outputs import sample_updates
 from vo_service.types.estimate import Estimate
-from vo_service.types.odometry_update import OdometryUpdate, TrackingState
+from vo_service.types.odometry_update import OdometryUpdate
 
 RATE_HZ = 30.0
 WARM_UP_FRAMES = 60
@@ -26,25 +27,10 @@ def load_frames(recording: Path, count: int) -> list[RgbdFrame]:
 
 
 def make_update(frame: RgbdFrame) -> OdometryUpdate:
-    """Make the update of a camera at rest that sees the frame, with its number and stamp."""
-    identity, covariance = np.eye(4), np.eye(6)
-    return OdometryUpdate(
-        seq=frame.seq,
-        stamp_s=frame.stamp_s,
-        state=TrackingState.TRACKING,
-        reason="",
-        epoch=1,
-        T_world_camera=identity,
-        T_odom_base=identity,
-        T_odom_camera=identity,
-        pose_covariance=covariance,
-        twist=np.zeros(6),
-        twist_covariance=covariance,
-        frame=frame,
-        estimate=Estimate(True, "", identity, identity, covariance),
-        stage_ms={},
-        latency_s=0.0,
-    )
+    """Make the update of a frame, with its number and stamp."""
+    estimate = Estimate(True, "", np.eye(4), np.eye(4), np.eye(6))
+    sample = sample_updates.make_update(frame.seq)
+    return replace(sample, stamp_s=frame.stamp_s, frame=frame, estimate=estimate)
 
 
 def send_in_turn(

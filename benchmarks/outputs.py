@@ -22,6 +22,7 @@ from dataclasses import dataclass, replace
 from decimal import Decimal
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -38,13 +39,12 @@ from benchmarks.harness import (
     RECORDING,
     Table,
     Variants,
-    combine_runs,
     measure_cpu_ms,
     option,
     run_in_turn,
 )
 from benchmarks.processes import LoadMeter, memory_mb
-from benchmarks.subscriber import running_subscriber, wall_clock_offset_s
+from benchmarks.subscriber import end_subscriber, running_subscriber, wall_clock_offset_s
 from drivers.bag.bag_writer import McapWriter
 from drivers.bag.frame_writer import FrameWriter
 from drivers.bag.mcap_recording_file import McapRecordingFile
@@ -67,8 +67,8 @@ from vo_service.outputs.zenoh.output import ZenohOutput
 from vo_service.outputs.zenoh.session_endpoints import ExtraEndpoints
 from vo_service.types.odometry_update import OdometryUpdate
 
-# Frames of the recording that are sent in turn.
-SOURCE_FRAMES = {"frames": 40, "mcap": 100}
+# Frames of the recording that are published in turn, and those that are recorded.
+PUBLISHED_FRAMES, RECORDED_FRAMES = 40, 100
 RAW = ("kinect/color/image", "kinect/depth/image")
 COMPRESSED = ("kinect/color/compressed", "kinect/depth/compressed")
 HOST_ADDRESS, READER_ADDRESS = "10.213.77.1", "10.213.77.2"
@@ -167,7 +167,7 @@ def measure_publishing(args: argparse.Namespace) -> None:
     if args.seconds < 1.0:
         raise InputError("--seconds: give at least 1")
     names = args.case or [name for name, case in CASES.items() if not case.link_mbit_s]
-    updates = list(map(make_update, load_frames(args.recording, SOURCE_FRAMES["frames"])))
+    updates = list(map(make_update, load_frames(args.recording, PUBLISHED_FRAMES)))
     print(FRAMES_TABLE.head)
     for name in names:
         cells = measure_case(CASES[name], updates, int(args.seconds * RATE_HZ))
@@ -200,7 +200,7 @@ def measure_case(
         readers = [stack.enter_context(start(*keys)) for keys in case.readers]
         send_in_turn(updates, 0, WARM_UP_FRAMES, output.on_update)
         for reader in readers if case.is_stopped else ():
-            reader.process.send_signal(signal.SIGSTOP)
+            reader.send_signal(signal.SIGSTOP)
         begin_s, cpu_s = time.time() - wall_clock_offset_s(), time.process_time()
         taken_s = send_in_turn(updates, WARM_UP_FRAMES, count // 2, output.on_update)
         half_mb = memory_mb(os.getpid(), "VmRSS")
@@ -210,8 +210,8 @@ def measure_case(
         cpu_ms = 1e3 * (time.process_time() - cpu_s) / count
         time.sleep(0.5)  # the last frames are on their way
         running = [] if case.is_stopped else readers
-        images = [reader.end().between(begin_s) for reader in running]
-        poses = pose_reader.end().between(begin_s)
+        images = [end_subscriber(reader).between(begin_s) for reader in running]
+        poses = end_subscriber(pose_reader).between(begin_s)
     lost = [count * len(keys) - len(each) for keys, each in zip(case.readers, images, strict=False)]
     return (
         *(*poses.latency_spread_ms, poses.lost),
@@ -230,7 +230,7 @@ def measure_mcap(args: argparse.Namespace) -> None:
     The table shows the frames that were written and read back, the CPU time per frame, its share of
     one core at 30 Hz, and the longest time that the camera's thread was held up.
     """
-    frames = load_frames(args.recording, SOURCE_FRAMES["mcap"])
+    frames = load_frames(args.recording, RECORDED_FRAMES)
     print(MCAP_TABLE.head)
     with tempfile.TemporaryDirectory() as folder:
         for name, is_raw in (("compressed", False), ("raw", True)):
@@ -252,48 +252,34 @@ def measure_mcap_file(
     return (count, read_back, cpu_ms, cpu_ms * RATE_HZ / 10.0, 1e3 * max(taken_s), size_mb)
 
 
-@dataclass(frozen=True)
-class EncodingCost:
-    """Processor time and size of a frame."""
-
-    cpu_ms: float
-    kilobytes: float
-
-
-@dataclass(frozen=True)
-class McapEncoding:
-    """How an MCAP file stores images: color as JPEG or raw, depth as PNG or raw, and its chunks."""
-
-    is_raw_color: bool
-    is_png_depth: bool
-    compression: CompressionType
-
-    def write(self, frames: Sequence[RgbdFrame], path: Path) -> None:
-        """Write the frames on one thread."""
-        with path.open("wb") as file:
-            mcap = McapWriter(file, self.compression)
-            mcap.is_for_viewers = not self.is_png_depth
-            writer = FrameWriter(mcap, calibration_of_frame(frames[0]), Decimal(0))
-            for frame in frames:
-                color = frame.color_bgr
-                stored = color if self.is_raw_color else encode_image(color, ColorFormat.JPEG)
-                stamps = FrameStamps.from_frame(frame)
-                writer.write_frame(StoredFrame(stamps, stored, frame.depth_raw))
-            mcap.close()
-
-    def measure(self, frames: Sequence[RgbdFrame], path: Path) -> EncodingCost:
-        """Write the frames; return the cost of one."""
-        _, cpu_ms = measure_cpu_ms(partial(self.write, frames, path), time.process_time)
-        return EncodingCost(cpu_ms / len(frames), path.stat().st_size / len(frames) / 1e3)
-
-
+# How an MCAP file stores images: whether color is raw or JPEG, whether depth is PNG or raw, and the
+# compression of its chunks.
 MCAP_ENCODINGS = {
-    "JPEG, PNG, LZ4 chunks (before)": McapEncoding(False, True, CompressionType.LZ4),
-    "JPEG, raw depth, zstd chunks (now)": McapEncoding(False, False, CompressionType.ZSTD),
-    "JPEG, raw depth, LZ4 chunks": McapEncoding(False, False, CompressionType.LZ4),
-    "raw, LZ4 chunks (--raw)": McapEncoding(True, False, CompressionType.LZ4),
-    "raw, zstd chunks": McapEncoding(True, False, CompressionType.ZSTD),
+    "JPEG, PNG, LZ4 chunks (before)": (False, True, CompressionType.LZ4),
+    "JPEG, raw depth, zstd chunks (now)": (False, False, CompressionType.ZSTD),
+    "JPEG, raw depth, LZ4 chunks": (False, False, CompressionType.LZ4),
+    "raw, LZ4 chunks (--raw)": (True, False, CompressionType.LZ4),
+    "raw, zstd chunks": (True, False, CompressionType.ZSTD),
 }
+
+
+def write_encoded(
+    frames: Sequence[RgbdFrame],
+    path: Path,
+    is_raw_color: bool,
+    is_png_depth: bool,
+    compression: CompressionType,
+) -> None:
+    """Write frames into an MCAP file, on one thread."""
+    with path.open("wb") as file:
+        mcap = McapWriter(file, compression)
+        mcap.is_for_viewers = not is_png_depth
+        writer = FrameWriter(mcap, calibration_of_frame(frames[0]), Decimal(0))
+        for frame in frames:
+            color = frame.color_bgr
+            stored = color if is_raw_color else encode_image(color, ColorFormat.JPEG)
+            writer.write_frame(StoredFrame(FrameStamps.from_frame(frame), stored, frame.depth_raw))
+        mcap.close()
 
 
 @RECORDING
@@ -305,19 +291,22 @@ def measure_encodings(args: argparse.Namespace) -> None:
     """
     frames = [
         replace(frame, depth_raw=depth_in_mm(frame), depth_factor=1000.0)
-        for frame in load_frames(args.recording, SOURCE_FRAMES["mcap"])
+        for frame in load_frames(args.recording, RECORDED_FRAMES)
     ]
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "frames.mcap"
-        runs = run_in_turn(
-            {name: partial(each.measure, frames, path) for name, each in MCAP_ENCODINGS.items()},
-            args.rounds,
-        )
+
+        def measure(*encoding: Any) -> tuple[float, float]:
+            write = partial(write_encoded, frames, path, *encoding)
+            _, cpu_ms = measure_cpu_ms(write, time.process_time)
+            return cpu_ms / len(frames), path.stat().st_size / len(frames) / 1e3
+
+        cases = {name: partial(measure, *each) for name, each in MCAP_ENCODINGS.items()}
+        runs = run_in_turn(cases, args.rounds)
     print(ENCODINGS_TABLE.head)
     for name, measured in runs.items():
-        cost = combine_runs(measured)
-        megabytes_per_s = cost.kilobytes * RATE_HZ / 1e3
-        print(ENCODINGS_TABLE.row(name, cost.cpu_ms, cost.kilobytes, megabytes_per_s))
+        cpu_ms, kilobytes = np.median(measured, axis=0)
+        print(ENCODINGS_TABLE.row(name, cpu_ms, kilobytes, kilobytes * RATE_HZ / 1e3))
 
 
 @option("--seconds", type=float, default=15.0, help="duration of each phase")

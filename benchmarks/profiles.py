@@ -159,7 +159,7 @@ def run_board(case: str, percent: float, memory_mb: int, seconds: float) -> Limi
             *("--profile", profile),
             source="synthetic",
             more_config=config,
-            popen=_popen_in(group),
+            popen=partial[Any](subprocess.Popen, preexec_fn=partial(_enter, group)),
         ) as service,
     ):
         service.wait_until_streaming(time.monotonic(), START_TIMEOUT_S)
@@ -167,18 +167,10 @@ def run_board(case: str, percent: float, memory_mb: int, seconds: float) -> Limi
         return measure_limited(service, group, seconds)
 
 
-def _popen_in(group: ControlGroup) -> "type[subprocess.Popen[bytes]]":
-    """Make a `Popen` whose process has limits before it starts its program."""
-
-    def enter() -> None:
-        group.add([os.getpid()])
-        os.nice(UNIT_NICE)
-
-    class LimitedPopen(subprocess.Popen[bytes]):
-        def __init__(self, command: Sequence[str], **settings: Any) -> None:
-            super().__init__(command, preexec_fn=enter, **settings)
-
-    return LimitedPopen
+def _enter(group: ControlGroup) -> None:
+    """Limit this process, before it starts its program."""
+    group.add([os.getpid()])
+    os.nice(UNIT_NICE)
 
 
 def measure_limited(service: ServiceProcess, group: ControlGroup, seconds: float) -> LimitedRun:

@@ -10,8 +10,8 @@ import os
 import signal
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -20,7 +20,7 @@ from benchmarks.harness import Table, Variants, combine_runs, option, run_in_tur
 from benchmarks.piped_process import PipedProcess, running_process
 from benchmarks.processes import LoadMeter
 from benchmarks.rendered_sequences import prerender_room
-from benchmarks.subscriber import Subscriber, running_subscriber
+from benchmarks.subscriber import end_subscriber, running_subscriber
 from drivers.synthetic.config import MotionKind, SyntheticConfig
 from drivers.synthetic.motions import ROBOT_CAMERA_HEIGHT_M
 from tests.ports import free_port
@@ -48,7 +48,7 @@ class InterferenceSetup:
     """Configuration of the service, and actions at fractions of the measured time, in order.
 
     Attributes:
-        more_config: Tables of its configuration.
+        more_config: Tables of its configuration; FOLDER is a folder for files.
         actions: By fraction.
         keys: Keys that a process reads all the time.
     """
@@ -58,88 +58,78 @@ class InterferenceSetup:
     keys: tuple[str, ...] = ()
 
 
-@contextmanager
-def record_to_viewer_file(folder: Path) -> Iterator[InterferenceSetup]:
+def record_to_viewer_file(stack: ExitStack) -> InterferenceSetup:
     """No disturbance; the viewer records into a file."""
-    yield InterferenceSetup(_viewers(folder))
+    return InterferenceSetup(_viewers())
 
 
-@contextmanager
 def signal_viewer_process(
-    folder: Path, number: signal.Signals, fraction: float
-) -> Iterator[InterferenceSetup]:
+    stack: ExitStack, number: signal.Signals, fraction: float
+) -> InterferenceSetup:
     """Stop or kill the service's viewer process."""
 
     def send(service: ServiceProcess) -> None:
         function = "vo_service.outputs.rerun.worker:run_viewer"
         os.kill(find_child_running(service.process.pid, function), number)
 
-    yield InterferenceSetup(_viewers(folder), ((fraction, send),))
+    return InterferenceSetup(_viewers(), ((fraction, send),))
 
 
-@contextmanager
-def signal_viewer(
-    folder: Path, number: signal.Signals, fraction: float
-) -> Iterator[InterferenceSetup]:
-    """Stop or kill the Rerun viewer to which the service is connected."""
-    with _rerun_server() as (server, port):
-        action = fraction, lambda service: server.send_signal(number)
-        yield InterferenceSetup(_viewers(folder, f"connect:127.0.0.1:{port}"), (action,))
+def signal_viewer(stack: ExitStack, number: signal.Signals, fraction: float) -> InterferenceSetup:
+    """Stop or kill the Rerun viewer to which the service is connected: Rerun's server."""
+    port = free_port()
+    options = ("--serve-grpc", "--bind", "127.0.0.1", "--port", str(port))
+    limit = ("--server-memory-limit", "100MB")
+    server = stack.enter_context(running_process(rerun_binary(), *options, *limit))
+    time.sleep(1.0)
+    action = fraction, lambda service: server.send_signal(number)
+    return InterferenceSetup(_viewers(f"connect:127.0.0.1:{port}"), (action,))
 
 
-@contextmanager
-def missing_viewer(folder: Path) -> Iterator[InterferenceSetup]:
+def missing_viewer(stack: ExitStack) -> InterferenceSetup:
     """There is no viewer at the service's target."""
-    yield InterferenceSetup(_viewers(folder, f"connect:127.0.0.1:{free_port()}"))
+    return InterferenceSetup(_viewers(f"connect:127.0.0.1:{free_port()}"))
 
 
-@contextmanager
-def freeze_subscriber(folder: Path) -> Iterator[InterferenceSetup]:
+def freeze_subscriber(stack: ExitStack) -> InterferenceSetup:
     """Stop a second subscriber beside the measuring one."""
-    with ExitStack() as stack:
 
-        def freeze(service: ServiceProcess) -> None:
-            frozen = stack.enter_context(running_subscriber(_endpoint(service), "kinect/odom"))
-            time.sleep(0.5)
-            frozen.process.send_signal(signal.SIGSTOP)
+    def freeze(service: ServiceProcess) -> None:
+        frozen = stack.enter_context(running_subscriber(_endpoint(service), "kinect/odom"))
+        time.sleep(0.5)
+        frozen.send_signal(signal.SIGSTOP)
 
-        yield InterferenceSetup(_viewers(folder), ((0.0, freeze),))
+    return InterferenceSetup(_viewers(), ((0.0, freeze),))
 
 
-@contextmanager
-def restart_router(folder: Path) -> Iterator[InterferenceSetup]:
+def restart_router(stack: ExitStack) -> InterferenceSetup:
     """Kill and restart a router to which the service is connected."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
-    with running_router(endpoint) as router:
-        config = f"connect = {json.dumps([endpoint])}\n{_viewers(folder)}"
-        kill, start = (0.3, lambda service: router.kill()), (0.6, lambda service: router.start())
-        yield InterferenceSetup(config, (kill, start))
+    router = stack.enter_context(running_router(endpoint))
+    kill, start = (0.3, lambda service: router.kill()), (0.6, lambda service: router.start())
+    return InterferenceSetup(f"connect = {json.dumps([endpoint])}\n{_viewers()}", (kill, start))
 
 
-@contextmanager
-def save_maps(folder: Path) -> Iterator[InterferenceSetup]:
+def save_maps(stack: ExitStack) -> InterferenceSetup:
     """Save a fine map four times: the mapper is busy most of the time."""
-    config = f"{_viewers(folder)}[map]\nvoxel_m = 0.01\n"
-    yield InterferenceSetup(config, tuple((share, _save_map) for share in (0.0, 0.25, 0.5, 0.75)))
+    actions = tuple((share, _save_map) for share in (0.0, 0.25, 0.5, 0.75))
+    return InterferenceSetup(f"{_viewers()}[map]\nvoxel_m = 0.01\n", actions)
 
 
-@contextmanager
-def disable_loop_closure(folder: Path) -> Iterator[InterferenceSetup]:
+def disable_loop_closure(stack: ExitStack) -> InterferenceSetup:
     """No disturbance and no loop closure: the other cases show its cost."""
-    yield InterferenceSetup(f"{_viewers(folder)}[map]\nloop_closure = false\n")
+    return InterferenceSetup(f"{_viewers()}[map]\nloop_closure = false\n")
 
 
-@contextmanager
-def read_all_outputs(folder: Path) -> Iterator[InterferenceSetup]:
+def read_all_outputs(stack: ExitStack) -> InterferenceSetup:
     """Another process reads the raw images, the scan and the map."""
     mount = f"[T_base_camera]\ntranslation_m = [0.0, 0.0, {ROBOT_CAMERA_HEIGHT_M}]\n"
-    config = f"{_viewers(folder)}{mount}[scan]\nenabled = true\n"
     keys = "kinect/color/image", "kinect/depth/image", "kinect/scan", "kinect/map"
-    yield InterferenceSetup(config, keys=keys)
+    return InterferenceSetup(f"{_viewers()}{mount}[scan]\nenabled = true\n", keys=keys)
 
 
-# A case prepares the environment of the service, with a folder for its files.
-InterferenceCase = Callable[[Path], AbstractContextManager[InterferenceSetup]]
+# A case prepares the environment of the service, and leaves to the stack what ends after it.
+InterferenceCase = Callable[[ExitStack], InterferenceSetup]
 CASES: Mapping[str, InterferenceCase] = {
     "viewer recording": record_to_viewer_file,
     "viewer's process frozen": partial(signal_viewer_process, number=signal.SIGSTOP, fraction=0.0),
@@ -155,9 +145,9 @@ CASES: Mapping[str, InterferenceCase] = {
 }
 
 
-def _viewers(folder: Path, *targets: str) -> str:
+def _viewers(*targets: str) -> str:
     """Configuration of a viewer that records into a file, and of others."""
-    return f"[rerun]\ntargets = {json.dumps([f'{folder}/viewer.rrd', *targets])}\n"
+    return f"[rerun]\ntargets = {json.dumps(['FOLDER/viewer.rrd', *targets])}\n"
 
 
 def _endpoint(service: ServiceProcess) -> str:
@@ -169,17 +159,6 @@ def _save_map(service: ServiceProcess) -> None:
         client.wait_for_publisher(5.0)
         with suppress(CommandRefused):  # the previous save is not finished
             client.send(SaveMapCommand(f"map-{time.monotonic_ns()}"))
-
-
-@contextmanager
-def _rerun_server() -> Iterator[tuple[PipedProcess, int]]:
-    """Run Rerun's server in place of a viewer; kill it at the end."""
-    port = free_port()
-    options = ("--serve-grpc", "--bind", "127.0.0.1", "--port", str(port))
-    limit = ("--server-memory-limit", "100MB")
-    with running_process(rerun_binary(), *options, *limit) as process:
-        time.sleep(1.0)
-        yield process, port
 
 
 @dataclass(frozen=True)
@@ -233,30 +212,28 @@ def run_cases(
 
 def run(case: InterferenceCase, seconds: float) -> LatencyResult:
     """Start everything, warm up, and measure."""
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        with (
-            case(folder) as setup,
-            running_service(
-                folder / "service", {}, source="synthetic", more_config=setup.more_config
-            ) as service,
-            running_subscriber(_endpoint(service), "kinect/odom") as subscriber,
-        ):
-            service.wait_until_streaming(time.monotonic())
-            with ExitStack() as readers:
-                if setup.keys:
-                    readers.enter_context(running_subscriber(_endpoint(service), *setup.keys))
-                time.sleep(WARM_UP_S)
-                result = measure(setup, service, subscriber, seconds)
-            # Exit code 1 if a disturbed viewer misses the end of its recording.
-            service.stop()
-            if "Traceback" in service.log:
-                raise RuntimeError(f"the service failed: {service.log}")
-            return result
+    with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
+        setup = case(stack)
+        config = setup.more_config.replace("FOLDER", folder)
+        service = stack.enter_context(
+            running_service(Path(folder) / "service", {}, source="synthetic", more_config=config)
+        )
+        start = partial(running_subscriber, _endpoint(service))
+        subscriber = stack.enter_context(start("kinect/odom"))
+        service.wait_until_streaming(time.monotonic())
+        if setup.keys:
+            stack.enter_context(start(*setup.keys))
+        time.sleep(WARM_UP_S)
+        result = measure(setup, service, subscriber, seconds)
+        # Exit code 1 if a disturbed viewer misses the end of its recording.
+        service.stop()
+        if "Traceback" in service.log:
+            raise RuntimeError(f"the service failed: {service.log}")
+        return result
 
 
 def measure(
-    setup: InterferenceSetup, service: ServiceProcess, subscriber: Subscriber, seconds: float
+    setup: InterferenceSetup, service: ServiceProcess, subscriber: PipedProcess, seconds: float
 ) -> LatencyResult:
     """Measure from now on, with the actions of the setup."""
     main = service.process.pid
@@ -268,7 +245,7 @@ def measure(
     load, status, end_s = meter.read(), service.status, time.monotonic()
     time.sleep(DRAIN_S)
     arrival_s = stamp_to_arrival_s()
-    arrivals = subscriber.end().between(begin_s, end_s - arrival_s)
+    arrivals = end_subscriber(subscriber).between(begin_s, end_s - arrival_s)
     count = len(arrivals)
     service_ms = load.per_frame_ms(count, main)
     p50_ms, p99_ms, max_ms = (ms - 1e3 * arrival_s for ms in arrivals.latency_spread_ms)
@@ -336,16 +313,14 @@ color = {{ distortion = [0.0, 0.0, 0.0, 0.0, 0.0], exposure_s = 0.0, smooth_edge
 """
 
 
-@contextmanager
-def without_navigation(folder: Path) -> Iterator[InterferenceSetup]:
+def without_navigation(stack: ExitStack) -> InterferenceSetup:
     """No scan, and no cells of the grid: all that the camera sees is too low for an obstacle."""
-    yield InterferenceSetup(f"{ROBOT_CONFIG}enabled = false\nmin_height_m = 2.0\n")
+    return InterferenceSetup(f"{ROBOT_CONFIG}enabled = false\nmin_height_m = 2.0\n")
 
 
-@contextmanager
-def with_navigation(folder: Path) -> Iterator[InterferenceSetup]:
+def with_navigation(stack: ExitStack) -> InterferenceSetup:
     """Scan and grid, both with a reader."""
-    yield InterferenceSetup(f"{ROBOT_CONFIG}enabled = true\n", keys=("kinect/scan", "kinect/map"))
+    return InterferenceSetup(f"{ROBOT_CONFIG}enabled = true\n", keys=("kinect/scan", "kinect/map"))
 
 
 NAVIGATION_CASES: Mapping[str, InterferenceCase] = {

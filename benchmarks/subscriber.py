@@ -69,31 +69,25 @@ class Arrivals:
         return median_ms, p99_ms, max_ms
 
 
-class Subscriber:
-    """A running subscriber process."""
+def end_subscriber(process: PipedProcess) -> Arrivals:
+    """End a subscriber and return what it received.
 
-    def __init__(self, process: PipedProcess) -> None:
-        self.process = process
-
-    def end(self) -> Arrivals:
-        """End it and return what it received.
-
-        Raises:
-            RuntimeError: The wall clock was set meanwhile, so that stamps are of two clocks.
-        """
-        result = self.process.end()
-        begin_s, end_s = result["clock_s"]
-        if abs(end_s - begin_s) > MAX_CLOCK_SHIFT_S:
-            raise RuntimeError("the wall clock was set during the run: re-run")
-        receive_time_s, stamp_s, seq = np.array(result["arrivals"]).reshape(-1, 3).T
-        return Arrivals(receive_time_s, stamp_s - begin_s, seq, result["cpu_s"])
+    Raises:
+        RuntimeError: The wall clock was set meanwhile, so that stamps are of two clocks.
+    """
+    result = process.end()
+    begin_s, end_s = result["clock_s"]
+    if abs(end_s - begin_s) > MAX_CLOCK_SHIFT_S:
+        raise RuntimeError("the wall clock was set during the run: re-run")
+    receive_time_s, stamp_s, seq = np.array(result["arrivals"]).reshape(-1, 3).T
+    return Arrivals(receive_time_s, stamp_s - begin_s, seq, result["cpu_s"])
 
 
 @contextmanager
 def running_subscriber(
     source: str | Path, *keys: str, prefix: Sequence[str] = ()
-) -> Iterator[Subscriber]:
-    """Run a subscriber in a separate process until it is ready; kill it at the end.
+) -> Iterator[PipedProcess]:
+    """Run a subscriber in a separate process that is ready; kill it at the end.
 
     Args:
         source: Endpoint that it connects to, or its Zenoh file.
@@ -103,7 +97,7 @@ def running_subscriber(
     command = (*prefix, sys.executable, "-m", "benchmarks.subscriber", source, *keys)
     with running_process(*command) as process:
         process.wait_until_ready()
-        yield Subscriber(process)
+        yield process
 
 
 def record_arrivals(source: str, keys: Sequence[str]) -> None:

@@ -140,7 +140,7 @@ def running_service(
     *options: str,
     source: str = "freenect",
     more_config: str = "",
-    popen: "type[subprocess.Popen[bytes]]" = ForkedProcess,
+    popen: "Callable[..., subprocess.Popen[bytes]]" = ForkedProcess,
 ) -> Iterator[ServiceProcess]:
     """``kinect-vo run --camera SOURCE`` that publishes on a free port; killed at the end.
 

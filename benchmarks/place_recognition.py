@@ -134,32 +134,10 @@ class DescribedView:
         return pose_error(self.T_world_camera, other.T_world_camera)
 
 
-@dataclass(frozen=True)
-class RecognitionTrial:
-    """Result of matching one view with one keyframe.
-
-    Attributes:
-        distance_m: True distance of the poses; infinite in different scenes.
-        angle_deg: True angle between the poses.
-        is_candidate: Whether the keyframe was a candidate.
-        error_m: Position error of the match; None without a match.
-        error_deg: Rotation error of the match.
-        normalized_error: Error in standard deviations, RMS over six directions.
-    """
-
-    distance_m: float
-    angle_deg: float
-    is_candidate: bool
-    error_m: float | None = None
-    error_deg: float = 0.0
-    normalized_error: float = 0.0
-
-    @property
-    def is_wrong(self) -> bool:
-        return self.error_m is not None and is_gross(self.error_m, self.error_deg)
-
-    def is_within(self, distance_m: float, angle_deg: float) -> bool:
-        return self.distance_m <= 1.01 * distance_m and self.angle_deg <= 1.01 * angle_deg
+# Result of matching one view with one keyframe: the true distance (m) and angle (degrees) of their
+# poses, infinite in different scenes; whether the keyframe was a candidate; the error of the match
+# (m, degrees, standard deviations as RMS over six directions), NaN without a match.
+Trial = tuple[float, float, bool, float, float, float]
 
 
 class CpuTimer:
@@ -198,7 +176,7 @@ def measure(args: argparse.Namespace) -> None:
         for other in views
         if view is not other
     ]
-    _print_trials(trials)
+    _print_trials(np.array(trials).reshape(-1, 6))
     _measure_search(views, timer)
     for task, times_ms in timer.times_ms.items():
         middle, most = np.percentile(times_ms, (50, 99))
@@ -219,49 +197,50 @@ def _describe_view(
 
 def _run_trial(
     recognizer: PlaceRecognizer, view: DescribedView, other: DescribedView, timer: CpuTimer
-) -> RecognitionTrial:
+) -> Trial:
     """Match a view with the keyframe of another one."""
     distance, query = view.distance_to(other), view.query
     candidates = timer.measure(
         "candidates", lambda: list(recognizer.find_candidates(query, [other.keyframe]))
     )
     if not candidates:
-        return RecognitionTrial(*distance, is_candidate=False)
+        return (*distance, False, np.nan, np.nan, np.nan)
     match = timer.measure("verification", lambda: recognizer.verify(query, candidates[0]))
     if match is None:
-        return RecognitionTrial(*distance, is_candidate=True)
+        return (*distance, True, np.nan, np.nan, np.nan)
     if view.scene != other.scene:
-        return RecognitionTrial(*distance, True, np.inf, np.inf, np.inf)
+        return (*distance, True, np.inf, np.inf, np.inf)
     T_keyframe_camera = inverse(other.T_world_camera) @ view.T_world_camera
     twist = se3_log(inverse(T_keyframe_camera) @ match.T_keyframe_camera)
-    normalized_error = float(np.sqrt(twist @ np.linalg.solve(match.covariance, twist) / 6.0))
-    errors = pose_error(T_keyframe_camera, match.T_keyframe_camera)
-    return RecognitionTrial(*distance, True, *errors, normalized_error)
+    sigmas = float(np.sqrt(twist @ np.linalg.solve(match.covariance, twist) / 6.0))
+    return (*distance, True, *pose_error(T_keyframe_camera, match.T_keyframe_camera), sigmas)
 
 
-def _print_trials(trials: Sequence[RecognitionTrial]) -> None:
+def _print_trials(trials: Array) -> None:
+    """Print a row for trials (N, 6) at each of the offsets, further away, and of other scenes."""
     print(TABLE.head)
-    rest = list(trials)
-    for step in VIEW_OFFSETS:
-        chosen = [each for each in rest if each.is_within(*step)]
-        rest = [each for each in rest if not each.is_within(*step)]
-        _print_row(f"to {step[0]:g} m, {step[1]:g} deg", chosen)
-    _print_row("further", [each for each in rest if np.isfinite(each.distance_m)])
-    _print_row("another scene", [each for each in rest if np.isinf(each.distance_m)])
+    is_other_scene = np.isinf(trials[:, 0])
+    is_further = ~is_other_scene
+    for distance_m, angle_deg in VIEW_OFFSETS:
+        is_within = (trials[:, :2] <= 1.01 * np.array([distance_m, angle_deg])).all(axis=1)
+        _print_row(f"to {distance_m:g} m, {angle_deg:g} deg", trials[is_further & is_within])
+        is_further &= ~is_within
+    _print_row("further", trials[is_further])
+    _print_row("another scene", trials[is_other_scene])
 
 
-def _print_row(name: str, trials: Sequence[RecognitionTrial]) -> None:
-    verified = [each for each in trials if each.error_m is not None]
-    counts = (len(trials), sum(each.is_candidate for each in trials), len(verified))
+def _print_row(name: str, trials: Array) -> None:
+    verified = trials[~np.isnan(trials[:, 3])]
+    error_m, error_deg, sigmas = verified[:, 3:].T
     figures: list[float | None] = [None] * 5
-    if verified:
-        error_m = np.array([(each.error_m or 0.0) for each in verified])
+    if len(verified):
         figures = [
             *(*np.percentile(error_m, [50, 95]), error_m.max()),
-            float(np.median([each.error_deg for each in verified])),
-            float(np.percentile([each.normalized_error for each in verified], 95)),
+            float(np.median(error_deg)),
+            float(np.percentile(sigmas, 95)),
         ]
-    print(TABLE.row(name, *counts, *figures, sum(each.is_wrong for each in verified)))
+    counts = (len(trials), int(trials[:, 2].sum()), len(verified))
+    print(TABLE.row(name, *counts, *figures, sum(map(is_gross, error_m, error_deg))))
 
 
 def _measure_search(views: Sequence[DescribedView], timer: CpuTimer) -> None:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from benchmarks.harness import Table, Variants, measure_cpu_ms, median, option
 from benchmarks.processes import memory_mb
-from benchmarks.tracking import read_all_frames, track
+from benchmarks.tracking import track
 from drivers.camera import RgbdFrame
 from drivers.core import InputError
 from drivers.core.folders import cache_folder
@@ -70,7 +70,7 @@ def render_with_truth(config: SyntheticConfig) -> Iterator[tuple[RgbdFrame, Arra
     """Yield each frame and its true pose T_world_camera in the room."""
     with SyntheticCamera(config, cache_folder() / "sequences") as camera:
         truth: Trajectory | None = None
-        for frame in read_all_frames(camera):
+        for frame in camera:
             truth = truth or camera.ground_truth
             assert truth is not None, "a sequence without a loop has a ground truth"
             yield frame, truth.T_world_camera[frame.seq]

@@ -24,7 +24,6 @@ import numpy as np
 
 from benchmarks.harness import PROCESSES, Variants, option
 from benchmarks.realism import measure_realism
-from benchmarks.tracking import read_all_frames
 from drivers.camera import RgbdFrame
 from drivers.core import InputError
 from drivers.core.folders import cache_folder
@@ -175,7 +174,7 @@ def render(folder: Path, recording: VirtualRecording) -> None:
         assert camera.ground_truth is not None
         truth = recording.scale_truth(camera.ground_truth)
         with FrameRecorder(TumFolder(part, ground_truth=truth)) as writer:
-            for frame in read_all_frames(camera):
+            for frame in camera:
                 writer.write(recording.measure(frame))
     (part / RECORD).write_text(f"{recording}\n")
     part.rename(folder)

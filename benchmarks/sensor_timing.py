@@ -31,7 +31,7 @@ from benchmarks.harness import (
     option,
 )
 from benchmarks.rendered_sequences import VirtualRecording, render_all
-from benchmarks.tracking import Accuracy, TrackedSequence, open_frames, track_changed
+from benchmarks.tracking import TrackedSequence, open_frames, track_changed
 from drivers.calibration import UNKNOWN_TIMING, find_calibration
 from drivers.camera import RgbdFrame
 from drivers.core import InputError
@@ -129,56 +129,31 @@ def format_with_sigma(value_s: float, sigma_s: float) -> str:
     return f"{1e3 * value_s:.1f} ± {1e3 * sigma_s:.1f}"
 
 
-@dataclass(frozen=True)
-class LearnedTiming:
-    """Result of one recording.
-
-    Attributes:
-        known: Accuracy with the exact timing.
-        unknown: Accuracy without any.
-        truth_s: True readout and delay.
-        learned_s: Both after the last frame.
-        sigmas_s: Their published standard deviations.
-        settling_s: Time from the first frame until both errors stay within `LEARNED_ERRORS_S`;
-            None if they do not.
-        seconds: Number of seconds, after each of which the timing was compared with the truth.
-        consistent: Those in which both errors are within `CONSISTENT_SIGMAS`.
-    """
-
-    known: Accuracy
-    unknown: Accuracy
-    truth_s: tuple[float, float]
-    learned_s: tuple[float, float]
-    sigmas_s: tuple[float, float]
-    settling_s: float | None
-    seconds: int
-    consistent: int
-
-
-def evaluate_timing(
-    known: Accuracy, unknown: Accuracy, tracked: TrackedSequence, truth_s: tuple[float, float]
-) -> LearnedTiming:
+def compare_timing(tracked: TrackedSequence, truth_s: tuple[float, float]) -> Json:
     """Compare the timing that was published with each frame with the truth.
 
     Args:
         tracked: Estimates with a timing, of at least one frame.
         truth_s: True readout and delay.
+
+    Returns:
+        `truth_s`; `learned_s` and `sigmas_s`, the values after the last frame; `settling_s`, from
+        the first frame until both errors stay within `LEARNED_ERRORS_S`, None if they do not; the
+        number of `seconds`, and of those after which both errors are within `CONSISTENT_SIGMAS`.
     """
     timings = [estimate.timing for estimate in tracked.estimates]
     published = np.array([TIMES(timing) for timing in timings if timing is not None])
     errors_s, sigmas_s = np.abs(published[:, :2] - truth_s), published[:, 2:]
     times_s = tracked.stamps_s - tracked.stamps_s[0]
     is_consistent = np.all(errors_s <= CONSISTENT_SIGMAS * sigmas_s, axis=1)[_second_ends(times_s)]
-    return LearnedTiming(
-        known=known,
-        unknown=unknown,
-        truth_s=truth_s,
-        learned_s=(published[-1, 0], published[-1, 1]),
-        sigmas_s=(published[-1, 2], published[-1, 3]),
-        settling_s=_settling_time_s(times_s, errors_s),
-        seconds=len(is_consistent),
-        consistent=int(is_consistent.sum()),
-    )
+    return {
+        "truth_s": truth_s,
+        "learned_s": published[-1, :2].tolist(),
+        "sigmas_s": published[-1, 2:].tolist(),
+        "settling_s": _settling_time_s(times_s, errors_s),
+        "seconds": len(is_consistent),
+        "consistent": int(is_consistent.sum()),
+    }
 
 
 def _second_ends(times_s: Array) -> NDArray[np.int64]:
@@ -233,7 +208,8 @@ def measure_sensor(folder: Path, timing: ShutterTiming) -> Json:
     """Track the frames of a sensor, with known and with unknown timing."""
     _, known = track_changed(METHOD, folder, tell_exactly)
     tracked, unknown = track_changed(METHOD, folder, tell_nothing)
-    return asdict(evaluate_timing(known, unknown, tracked, (timing.readout_s, timing.skew_s)))
+    compared = compare_timing(tracked, (timing.readout_s, timing.skew_s))
+    return {"known": asdict(known), "unknown": asdict(unknown), **compared}
 
 
 def format_row(name: str, result: Json) -> str:
@@ -333,24 +309,22 @@ def format_start(name: str, result: Json) -> str:
     )
 
 
-def make_case(
-    readout_s: float, delay_s: float, seed: int, track: str = "", start_s: float = 0.0
-) -> SyntheticConfig:
-    """Make a sequence of 20 s, with all sensor faults; without a track the motion is virtual."""
-    return SyntheticConfig(
+# Sequences of 20 s with all sensor faults: readout and delay, seed, and the hand's track from some
+# second on; without a track the motion is virtual.
+CASES = {
+    name: SyntheticConfig(
+        timing=ShutterTiming(*times_s),
         seed=seed,
-        timing=ShutterTiming(readout_s, delay_s),
         duration_s=20.0,
         track=Path(f"{track}-groundtruth.txt") if track else None,
         track_start_s=start_s,
     )
-
-
-CASES = {
-    "xyz": make_case(0.0, 0.0, 25, "fr1_xyz", 4.0),
-    "rpy": make_case(0.020, 0.010, 27, "fr1_rpy", 4.0),
-    "hand-held": make_case(0.020, 0.010, 26),
-    "desk": make_case(0.030, 0.012, 24, "fr1_desk", 2.0),
+    for name, times_s, seed, track, start_s in (
+        ("xyz", (0.0, 0.0), 25, "fr1_xyz", 4.0),
+        ("rpy", (0.020, 0.010), 27, "fr1_rpy", 4.0),
+        ("hand-held", (0.020, 0.010), 26, None, 0.0),
+        ("desk", (0.030, 0.012), 24, "fr1_desk", 2.0),
+    )
 }
 
 

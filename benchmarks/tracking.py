@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.harness import measure_cpu_ms, option
-from drivers.camera import EndOfStream, PlaybackMode, RgbdCamera, RgbdFrame
+from drivers.camera import PlaybackMode, RgbdFrame
 from drivers.core import InputError
 from drivers.core.geometry import Array, Trajectory, inverse, nearest_indices, pose_distance
 from drivers.faulty_camera import Fault, FaultyCamera
@@ -32,19 +32,9 @@ from vo_service.types.estimate import Estimate
 from vo_service.types.odometry import Odometry
 from vo_service.types.odometry_update import OdometryUpdate, TrackingState
 
-READ_TIMEOUT_S = 60.0
 MAX_SIGMAS = 3.0
 METHOD = option("--method", choices=METHODS, default=DEFAULT_METHOD)
 FrameChange = Callable[[RgbdFrame], RgbdFrame]
-
-
-def read_all_frames(camera: RgbdCamera) -> Iterator[RgbdFrame]:
-    """Yield the frames of an open camera until it ends."""
-    while True:
-        try:
-            yield camera.read(READ_TIMEOUT_S)
-        except EndOfStream:
-            return
 
 
 @contextmanager
@@ -57,7 +47,7 @@ def open_frames(
         InputError: The recording cannot be used.
     """
     with RecordingCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
-        yield read_all_frames(FaultyCamera(camera, faults, seed=0)), camera.ground_truth
+        yield iter(FaultyCamera(camera, faults, seed=0)), camera.ground_truth
 
 
 @contextmanager

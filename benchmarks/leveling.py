@@ -65,13 +65,18 @@ def simulate(drift_deg: float, has_floor: bool, minutes: float, seed: int) -> tu
         seed: Of the noise.
     """
     rng = np.random.default_rng(seed)
-    T_base_camera = _mount()
+    down = so3_exp([0.0, DOWN_RAD, 0.0])
+    T_base_camera = rigid_transform(down @ R_BODY_OPTICAL, (0.1, 0.0, HEIGHT_M))
     odom_frame = OdomFrame(T_base_camera)
-    bias_m_s2 = ACCELEROMETER_BIAS_M_S2 * _unit(rng.normal(size=3))
-    detector_rays = _rays()
+    bias_m_s2 = rng.normal(size=3)
+    bias_m_s2 *= ACCELEROMETER_BIAS_M_S2 / np.linalg.norm(bias_m_s2)
+    v, u = np.mgrid[: CAMERA.height, : CAMERA.width]
+    rays = np.dstack([(u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy, np.ones(u.shape)])
     T_world_base, T_drifted = np.eye(4), np.eye(4)
-    heights_m, gravity_m_s2 = [], -bias_m_s2 - STANDARD_GRAVITY_M_S2 * T_base_camera[2, :3]
-    tilts, steps, is_in_view, next_change_s, last = [], [], has_floor, 0.0, None
+    T_odom_last, T_drifted_last = None, T_drifted
+    gravity_m_s2 = -bias_m_s2 - STANDARD_GRAVITY_M_S2 * T_base_camera[2, :3]
+    heights_m, tilts_deg, steps_m, steps_deg = [], [], [], []
+    is_in_view, next_change_s = has_floor, 0.0
     for seq in range(int(minutes * 60.0 * RATE_HZ)):
         stamp_s = seq / RATE_HZ
         if stamp_s >= next_change_s and seq:
@@ -80,42 +85,46 @@ def simulate(drift_deg: float, has_floor: bool, minutes: float, seed: int) -> tu
         motion, acceleration_m_s2 = _motion(stamp_s)
         error = so3_exp(np.radians(drift_deg) / np.sqrt(RATE_HZ) * rng.normal(size=3))
         T_world_base = T_world_base @ motion
-        T_drifted = T_drifted @ motion @ rigid_transform(error, np.zeros(3))
-        T_drifted = orthonormalize(T_drifted)
+        T_drifted = orthonormalize(T_drifted @ motion @ rigid_transform(error, np.zeros(3)))
         up = inverse(T_world_base @ T_base_camera)[:3, 2]
         force_m_s2 = T_base_camera[:3, :3].T @ acceleration_m_s2 + STANDARD_GRAVITY_M_S2 * up
         force_m_s2 += bias_m_s2 + ACCELEROMETER_SIGMA_M_S2 * rng.normal(size=3)
-        depth_raw = _floor_depth(detector_rays, up, rng) if is_in_view else _no_depth()
+        depth_raw = _floor_depth(rays, up, rng) if is_in_view else np.zeros(u.shape, np.uint16)
         # The Kinect's driver averages a second.
         gravity_m_s2 -= (force_m_s2 + gravity_m_s2) / RATE_HZ
-        frame = _frame(seq, stamp_s, depth_raw, force_m_s2, gravity_m_s2)
-        update = odom_frame.update(
-            StampedFrame(frame, stamp_s), _estimate(T_base_camera, T_drifted), {}, 0.0
+        frame = RgbdFrame(
+            seq=seq,
+            stamp_s=stamp_s,
+            receive_time_s=stamp_s,
+            color_bgr=np.zeros((1, 1, 3), np.uint8),
+            depth_raw=depth_raw,
+            depth_factor=1000.0,
+            camera=CAMERA,
+            gravity_m_s2=tuple(gravity_m_s2.tolist()),
+            accelerometer=(AccelerometerReading(stamp_s, tuple(force_m_s2.tolist())),),
         )
+        T_world_camera = inverse(T_base_camera) @ T_drifted @ T_base_camera
+        estimate = Estimate(True, "", T_world_camera, np.eye(4), np.zeros((6, 6)))
+        update = odom_frame.update(StampedFrame(frame, stamp_s), estimate, {}, 0.0)
         odom_frame.measure_level(update)
         T_odom_base = update.T_odom_base
         heights_m.append(T_odom_base[2, 3])
-        tilts.append(np.degrees(np.arccos(min(T_odom_base[2, 2], 1.0))))
-        if last is not None:
-            step = inverse(last[0] @ inverse(last[1]) @ T_drifted) @ T_odom_base
-            steps.append((np.degrees(np.linalg.norm(so3_log(step[:3, :3]))), step[:3, 3]))
-        last = T_odom_base, T_drifted.copy()
+        tilts_deg.append(np.degrees(np.arccos(min(T_odom_base[2, 2], 1.0))))
+        if T_odom_last is not None:
+            step = inverse(T_odom_last @ inverse(T_drifted_last) @ T_drifted) @ T_odom_base
+            steps_m.append(np.linalg.norm(step[:3, 3]))
+            steps_deg.append(np.degrees(np.linalg.norm(so3_log(step[:3, :3]))))
+        T_odom_last, T_drifted_last = T_odom_base, T_drifted
     learned = update.level.accelerometer_bias_m_s2
     bias_error = np.inf if learned is None else np.linalg.norm(learned - bias_m_s2)
-    largest_step_m = max(np.linalg.norm(step[1]) for step in steps)
     return (
-        float(np.sqrt(np.mean(np.square(tilts)))),
-        float(np.max(tilts)),
+        float(np.sqrt(np.mean(np.square(tilts_deg)))),
+        float(np.max(tilts_deg)),
         float(np.max(np.abs(heights_m))),
-        float(max(step[0] for step in steps)),
-        float(largest_step_m),
+        float(np.max(steps_deg)),
+        float(np.max(steps_m)),
         float(bias_error / STANDARD_GRAVITY_M_S2),
     )
-
-
-def _mount() -> Array:
-    down = so3_exp([0.0, DOWN_RAD, 0.0])
-    return rigid_transform(down @ R_BODY_OPTICAL, (0.1, 0.0, HEIGHT_M))
 
 
 def _motion(stamp_s: float) -> tuple[Array, Array]:
@@ -131,13 +140,6 @@ def _motion(stamp_s: float) -> tuple[Array, Array]:
     return motion, np.array([along_m_s2, speed_m_s * turn_rad_s, 0.0])
 
 
-def _rays() -> Array:
-    v, u = np.mgrid[: CAMERA.height, : CAMERA.width]
-    return np.stack(
-        [(u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy, np.ones(u.shape)], axis=-1
-    )
-
-
 def _floor_depth(rays: Array, up: Array, rng: np.random.Generator) -> NDArray[np.uint16]:
     """Depth (H, W) of the floor alone, mm."""
     inverse_depth_per_m = rays @ (-up / HEIGHT_M) + DEPTH_NOISE_PER_M * rng.normal(
@@ -146,32 +148,3 @@ def _floor_depth(rays: Array, up: Array, rng: np.random.Generator) -> NDArray[np
     is_near = inverse_depth_per_m > 1.0 / MAX_DEPTH_M
     depth_m = np.where(is_near, 1.0 / np.where(is_near, inverse_depth_per_m, 1.0), 0.0)
     return (1000.0 * depth_m).astype(np.uint16)
-
-
-def _no_depth() -> NDArray[np.uint16]:
-    return np.zeros((CAMERA.height, CAMERA.width), np.uint16)
-
-
-def _frame(
-    seq: int, stamp_s: float, depth_raw: NDArray[np.uint16], force_m_s2: Array, gravity_m_s2: Array
-) -> RgbdFrame:
-    return RgbdFrame(
-        seq=seq,
-        stamp_s=stamp_s,
-        receive_time_s=stamp_s,
-        color_bgr=np.zeros((1, 1, 3), np.uint8),
-        depth_raw=depth_raw,
-        depth_factor=1000.0,
-        camera=CAMERA,
-        gravity_m_s2=tuple(gravity_m_s2.tolist()),
-        accelerometer=(AccelerometerReading(stamp_s, tuple(force_m_s2.tolist())),),
-    )
-
-
-def _estimate(T_base_camera: Array, T_drifted: Array) -> Estimate:
-    T_world_camera = inverse(T_base_camera) @ T_drifted @ T_base_camera
-    return Estimate(True, "", T_world_camera, np.eye(4), np.zeros((6, 6)))
-
-
-def _unit(vector: Array) -> Array:
-    return vector / np.linalg.norm(vector)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
 
 from benchmarks.hard_cases import read_scene
 from benchmarks.harness import Table, option
@@ -78,23 +79,18 @@ class TrueMotion:
     """True poses of the base at any time."""
 
     def __init__(self, truth: Trajectory, T_base_camera: Array) -> None:
-        self.stamps_s = truth.stamps_s
-        self._T_world_base = truth.T_world_camera @ inverse(T_base_camera)
+        T_world_base = truth.T_world_camera @ inverse(T_base_camera)
+        self.stamps_s, self._positions_m = truth.stamps_s, T_world_base[:, :3, 3]
+        self._rotations = Slerp(self.stamps_s, Rotation.from_matrix(T_world_base[:, :3, :3]))
 
     def between(self, from_s: float, to_s: float) -> Array:
         """4x4 motion of the base between two stamps."""
         return inverse(self._pose_at(from_s)) @ self._pose_at(to_s)
 
     def _pose_at(self, stamp_s: float) -> Array:
-        last = len(self.stamps_s) - 1
-        after = int(np.clip(np.searchsorted(self.stamps_s, stamp_s), 1, last))
-        begin, end = self._T_world_base[after - 1], self._T_world_base[after]
-        step_s = self.stamps_s[after] - self.stamps_s[after - 1]
-        share = np.clip((stamp_s - self.stamps_s[after - 1]) / step_s, 0.0, 1.0)
-        T = inverse(begin) @ end
-        moved = rigid_transform(so3_exp(share * so3_log(T[:3, :3])), share * T[:3, 3])
-        moved_base: Array = begin @ moved
-        return moved_base
+        known_s = np.clip(stamp_s, self.stamps_s[0], self.stamps_s[-1])
+        position_m = [np.interp(known_s, self.stamps_s, axis) for axis in self._positions_m.T]
+        return rigid_transform(self._rotations(known_s).as_matrix(), position_m)
 
 
 class HandOdometry(NullWheelOdometry):
@@ -185,25 +181,16 @@ def track_variant(
 ) -> str:
     """Track a sequence from its frame `first` on; return a line of the table."""
     with open_frames_with_truth(folder) as (all_frames, truth):
-        wheels = make_wheels(TrueMotion(truth, T_base_camera), T_base_camera, variant)
+        motion, wheels = TrueMotion(truth, T_base_camera), None
+        if variant.has_wheels:
+            is_hand_held = T_base_camera is T_BODY_CAMERA
+            wheels = HandOdometry(motion) if is_hand_held else SimulatedWheels(motion, variant)
         odom_frame = OdomFrame(T_base_camera, variant.is_planar, wheels)
-        frames = islice(all_frames, first, None)
-        tracked = track(
-            "direct", (replace(frame, gravity_m_s2=None) for frame in frames), odom_frame
-        )
+        frames = (replace(frame, gravity_m_s2=None) for frame in islice(all_frames, first, None))
+        tracked = track("direct", frames, odom_frame)
     each = evaluate_accuracy(tracked, truth)
     return TABLE.row(
         label,
         *(each.frames, each.degraded, each.lost, each.resets),
         *(each.ate_m, each.max_error_m, each.overconfident, each.median_ms),
     )
-
-
-def make_wheels(
-    motion: TrueMotion, T_base_camera: Array, variant: Variant
-) -> HandOdometry | SimulatedWheels | None:
-    """Make the wheels of a variant; None without."""
-    if not variant.has_wheels:
-        return None
-    is_hand_held = T_base_camera is T_BODY_CAMERA
-    return HandOdometry(motion) if is_hand_held else SimulatedWheels(motion, variant)

@@ -5,16 +5,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import accumulate, pairwise
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from benchmarks.features import METHODS
 from benchmarks.harness import option
-from benchmarks.tracking import open_frames_with_truth
+from benchmarks.tracking import open_frames_with_truth, render_with_truth
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import Array, Trajectory, fit_rigid_motion, transform_points
-from drivers.synthetic.camera import SyntheticCamera
 from drivers.synthetic.config import NO_DISTORTION, SyntheticConfig
 from vo_service.odometry.features.extractor import FeatureExtractor, Features
 from vo_service.odometry.features.matching import match_features
@@ -53,17 +51,10 @@ def measure_realism(args: argparse.Namespace) -> None:
         duration_s=args.frames / 30.0,
         camera=CAMERA,
     )
-    report("all faults", render_frames(config))
+    report("all faults", list(render_with_truth(config)))
     pinhole = replace(config.color, distortion=NO_DISTORTION)
-    report("without distortion", render_frames(replace(config, color=pinhole)))
-
-
-def render_frames(config: SyntheticConfig) -> list[PosedFrame]:
-    """Render the frames of the virtual camera, each with its true pose T_world_camera."""
-    with TemporaryDirectory() as rendered, SyntheticCamera(config, Path(rendered)) as camera:
-        truth = camera.ground_truth
-        assert truth is not None
-        return list(zip(camera, truth.T_world_camera, strict=True))
+    without = replace(config, color=pinhole)
+    report("without distortion", list(render_with_truth(without)))
 
 
 def report(name: str, frames: list[PosedFrame]) -> None:

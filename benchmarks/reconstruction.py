@@ -11,22 +11,19 @@ milliseconds of one thread, the median over the frames.
 import argparse
 import multiprocessing
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.harness import Table, Variants, measure_cpu_ms, median, option
 from benchmarks.processes import memory_mb
-from benchmarks.tracking import track
+from benchmarks.tracking import render_with_truth, track
 from drivers.camera import RgbdFrame
-from drivers.core import InputError
-from drivers.core.folders import cache_folder
 from drivers.core.geometry import (
     Array,
     Trajectory,
@@ -35,12 +32,12 @@ from drivers.core.geometry import (
     rigid_transform,
     transform_points,
 )
-from drivers.synthetic.camera import SyntheticCamera
 from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.motions import make_motion
 from drivers.synthetic.renderer import CLEARANCE_CHECKS_PER_S
 from drivers.synthetic.room import ROOM_HEIGHT_M, build_room
 from drivers.synthetic.solids import Solid, SolidKind
+from tests.vo_service.reconstruction.ply_reader import read_ply
 from vo_service.config import read_config
 from vo_service.reconstruction.tsdf_volume import TsdfVolume
 from vo_service.reconstruction.voxel_block_grid import TsdfConfig
@@ -48,8 +45,6 @@ from vo_service.tools.evaluation.evaluation import evaluate
 from vo_service.tools.evaluation.metrics import associate, first_pose_alignment
 
 GOOD_DISTANCE_M = 0.015
-# A vertex of `reconstruct`: position, normal, color.
-VERTEX = np.dtype([("position", "<f4", 3), ("normal", "<f4", 3), ("color", "u1", 3)])
 SURFACE_COLUMNS = ("vertices:10d", "median:8.1mm", "90 %:7.1mm", "99 %:7.1mm", "in 15 mm:10.1%")
 POSES_TABLE = Table(20, "ATE:7.1mm", *SURFACE_COLUMNS, "ms a frame:12.1f", "mesh s:8.2f")
 MAPS_TABLE = Table(40, "ATE:7.1mm", *SURFACE_COLUMNS)
@@ -64,16 +59,6 @@ RAYCAST_EVERY = 60
 # The box of a dense volume: the room and its walls.
 BOX_M = (7.04, 6.40, 3.20)
 MAX_POINTS = 200_000
-
-
-def render_with_truth(config: SyntheticConfig) -> Iterator[tuple[RgbdFrame, Array]]:
-    """Yield each frame and its true pose T_world_camera in the room."""
-    with SyntheticCamera(config, cache_folder() / "sequences") as camera:
-        truth: Trajectory | None = None
-        for frame in camera:
-            truth = truth or camera.ground_truth
-            assert truth is not None, "a sequence without a loop has a ground truth"
-            yield frame, truth.T_world_camera[frame.seq]
 
 
 def surface_cells(vertices_m: Array, solids: Sequence[Solid]) -> tuple[float, ...]:
@@ -164,26 +149,12 @@ def measure_maps(args: argparse.Namespace) -> None:
 
 
 def measure_map(folder: Path, truth: Trajectory, solids: Sequence[Solid]) -> tuple[float, ...]:
-    """Measure the ATE RMSE of a map's poses, and its surface; return the cells of its row.
-
-    Raises:
-        InputError: There is no map in the folder.
-    """
+    """Measure the ATE RMSE of a map's poses, and its surface; return the cells of its row."""
     poses = read_trajectory(folder / "trajectory.txt")
     T_room_map = first_pose_alignment(associate(poses, truth))
-    in_room_m = transform_points(T_room_map, read_vertices_m(folder / "map.ply"))
+    vertices_m = read_ply(folder / "map.ply").vertices_m.astype(np.float64)
+    in_room_m = transform_points(T_room_map, vertices_m)
     return (evaluate(poses, truth).ate_rmse_m, *surface_cells(in_room_m, solids))
-
-
-def read_vertices_m(path: Path) -> Array:
-    """Read the vertices (N, 3) of a mesh of `reconstruct`. Raises InputError for other files."""
-    try:
-        header, _, body = path.read_bytes().partition(b"end_header\n")
-        words = header.split()
-        count = int(words[words.index(b"vertex") + 1])
-        return np.frombuffer(body, VERTEX, count)["position"].astype(np.float64)
-    except (OSError, ValueError, IndexError) as error:
-        raise InputError(f"{path}: is not a map of `kinect-vo reconstruct`: {error}") from error
 
 
 class FusionVolume(Protocol):
@@ -262,7 +233,7 @@ class OpenCvHashVolume(OpenCvVolume):
     def _raycast_points_m(self, T_world_camera: Array) -> Array:
         assert self._volume is not None, "call add first"
         points, *_ = self._volume.raycast(T_world_camera.astype(np.float32))
-        points_m = _to_points_m(np.asarray(points))
+        points_m = np.asarray(points.reshape(-1, points.shape[-1])[:, :3], np.float64)
         met = np.all(np.isfinite(points_m), axis=1)
         return transform_points(T_world_camera, points_m[met])
 
@@ -288,12 +259,8 @@ class OpenCvDenseVolume(OpenCvVolume):
     def points_m(self) -> Array:
         """See `FusionVolume`."""
         assert self._volume is not None, "call add first"
-        return _to_points_m(self._volume.fetchPointsNormalsColors()[0])
-
-
-def _to_points_m(points: NDArray[Any]) -> Array:
-    xyz: Array = points.reshape(-1, points.shape[-1])[:, :3].astype(np.float64)
-    return xyz
+        points = self._volume.fetchPointsNormalsColors()[0]
+        return np.asarray(points.reshape(-1, points.shape[-1])[:, :3], np.float64)
 
 
 CANDIDATES: Mapping[str, Callable[[], FusionVolume]] = {

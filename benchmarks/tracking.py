@@ -13,9 +13,12 @@ from numpy.typing import NDArray
 from benchmarks.harness import measure_cpu_ms, option
 from drivers.camera import PlaybackMode, RgbdFrame
 from drivers.core import InputError
+from drivers.core.folders import cache_folder
 from drivers.core.geometry import Array, Trajectory, inverse, nearest_indices, pose_distance
 from drivers.faulty_camera import Fault, FaultyCamera
 from drivers.playback.camera import RecordingCamera
+from drivers.synthetic.camera import SyntheticCamera
+from drivers.synthetic.config import SyntheticConfig
 from vo_service.odom_frame import OdomFrame, StampedFrame
 from vo_service.odometry.registry import DEFAULT_METHOD, METHODS, MethodConfig
 from vo_service.odometry.stage_timers import CpuStageTimer
@@ -59,6 +62,13 @@ def open_frames_with_truth(
         if truth is None:
             raise InputError(f"{folder}: has no groundtruth.txt; name a recording with one")
         yield frames, truth
+
+
+def render_with_truth(config: SyntheticConfig) -> Iterator[tuple[RgbdFrame, Array]]:
+    """Yield each frame of the virtual Kinect, from the cache, and its true pose in the room."""
+    with SyntheticCamera(config, cache_folder() / "sequences") as camera:
+        assert camera.ground_truth is not None, "a sequence without a loop has a ground truth"
+        yield from zip(camera, camera.ground_truth.T_world_camera, strict=True)
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from benchmarks.reconstruction import measure_map
-from drivers.core import InputError
 from drivers.core.geometry import (
     Array,
     Trajectory,
@@ -42,10 +41,3 @@ def test_vertices_are_measured_from_the_nearest_true_surface(tmp_path: Path) -> 
     assert (vertices, within_15mm) == (4, 0.75)
     assert median_m == pytest.approx(0.005, abs=1e-5)
     assert ate_m == pytest.approx(0.0, abs=1e-5)
-
-
-def test_a_file_that_is_not_a_map_is_a_clear_error(tmp_path: Path) -> None:
-    measured(tmp_path, np.eye(3))
-    (tmp_path / "map.ply").write_bytes(b"ply\n")
-    with pytest.raises(InputError, match=r"map.ply: is not a map of `kinect-vo reconstruct`: "):
-        measure_map(tmp_path, TRUTH, [BOX])

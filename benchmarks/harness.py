@@ -198,7 +198,14 @@ class ResultCache:
         self._file = folder / "results.json"
         self._results: dict[str, Json] = {}
         if self._file.exists():
-            self._results = _read(self._file)
+            try:
+                self._results = json.loads(self._file.read_text())
+            except (OSError, ValueError) as error:
+                raise InputError(
+                    f"{self._file}: cannot read it ({error}); name another folder"
+                ) from error
+        if not isinstance(self._results, dict):
+            raise InputError(f"{self._file}: has no results; name another folder")
 
     def __contains__(self, name: str) -> bool:
         """Whether there is a result of a name."""
@@ -210,13 +217,3 @@ class ResultCache:
             self._results[name] = json.loads(json.dumps(run()))
             atomic_write(self._file, json.dumps(self._results, indent=1).encode())
         return self._results[name]
-
-
-def _read(file: Path) -> dict[str, Json]:
-    try:
-        results = json.loads(file.read_text())
-    except (OSError, ValueError) as error:
-        raise InputError(f"{file}: cannot read it ({error}); name another folder") from error
-    if not isinstance(results, dict):
-        raise InputError(f"{file}: has no results; name another folder")
-    return results

@@ -44,7 +44,7 @@ from benchmarks.harness import (
 from benchmarks.tracking import (
     METHOD,
     TrackedSequence,
-    evaluate_trajectory,
+    evaluate_poses,
     open_frames,
     track,
     track_with,
@@ -253,7 +253,7 @@ def measure_method(method: str, folder: Path) -> FeatureResult:
             stage: median([each[stage] for each in stages_ms if stage in each])
             for stage in (*FEATURE_STAGES, WHOLE_FRAME)
         },
-        evaluation=evaluate_trajectory(tracked.estimates, tracked.stamps_s, truth),
+        evaluation=evaluate_poses(tracked.trajectory, truth, tracked.stamps_s),
     )
 
 

@@ -3,7 +3,7 @@
 import json
 import re
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from textwrap import indent
 from xml.sax.saxutils import escape
@@ -45,18 +45,12 @@ class ResultData:
     shown: list[str]
     plot: str
 
-    def measured_again(
-        self, date: str, commit: str, machine: str, columns: list[str], rows: list[list[Cell]]
-    ) -> "ResultData":
-        """Return the result with the figures of a new run."""
-        return replace(self, date=date, commit=commit, machine=machine, columns=columns, rows=rows)
-
     def table(self) -> str:
         """The table in Markdown."""
-        indices = [i for i, name in enumerate(self.columns) if not self.shown or name in self.shown]
+        shown = [i for i, name in enumerate(self.columns) if not self.shown or name in self.shown]
         decimals = [decimals_of(column) for column in zip(*self.rows, strict=True)]
-        lines = [[self.columns[i] for i in indices], ["---"] * len(indices)]
-        lines += [[_text(row[i], decimals[i]) for i in indices] for row in self.rows]
+        lines = [[self.columns[i] for i in shown], ["---"] * len(shown)]
+        lines += [[_text(row[i], decimals[i]) for i in shown] for row in self.rows]
         return "\n".join(f"| {' | '.join(line)} |".replace("|  |", "| |") for line in lines)
 
     def block(self) -> str:

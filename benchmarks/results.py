@@ -8,16 +8,15 @@ the date, the commit, the machine and a table. The blocks of a page between the 
 `result: NAME` and `end`, and the plots, are written from these data; `--pages` does only that.
 
 The commands run in turn, except those marked `by_hand`, which take hours or print several tables.
-KEPT/results.jsonl has one JSON object for each command that has run: command, exit code, seconds,
-output. A command that has a result there is not run again; remove KEPT to measure everything anew.
-A benchmark whose exit code 1 says that a limit was exceeded has a result.
+KEPT/results.json has the output of each command that has run. A command that has a result there is
+not run again; remove KEPT to measure everything anew. A benchmark whose exit code 1 says that a
+limit was exceeded has a result.
 
 `kinect-vo` and `python` are those of this environment. Names of recordings are folders in the
 folder of `--data`, or of KINECT_VO_DATA. Nothing else should run on the computer meanwhile.
 """
 
 import argparse
-import json
 import os
 import platform
 import re
@@ -25,38 +24,20 @@ import shlex
 import subprocess
 import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import replace
 from datetime import date
+from functools import partial
 from pathlib import Path
 
 from benchmarks.console_tables import read_tables
-from benchmarks.harness import option
+from benchmarks.harness import Json, ResultCache, option
 from benchmarks.result_pages import PAGES, ResultData, read_results, write_page, write_results
-from drivers.core import InputError
+from drivers.core import InputError, UserFacingError
 from vo_service.terminal import Terminal
 
 ROOT = Path(__file__).resolve().parents[1]
-RESULTS_FILE = "results.jsonl"
-
-
-@dataclass(frozen=True)
-class CommandResult:
-    """A command that has run."""
-
-    command: str
-    exit_code: int
-    seconds: float
-    date: str
-    commit: str
-    machine: str
-    output: str
-
-    @property
-    def has_failed(self) -> bool:
-        """Whether it printed no result."""
-        return self.exit_code > 1 or not self.output
 
 
 @option("folder", metavar="KEPT", nargs="?", type=Path, help="folder of results")
@@ -79,55 +60,56 @@ def main(args: argparse.Namespace) -> int:
         return 0
     if not (args.pages or args.folder):
         raise InputError("name a folder for the results: python -m benchmarks results KEPT")
-    done = [] if args.pages else run_commands(commands, args.folder, args.data or _data_folder())
+    commands = [] if args.pages else commands
+    done = run_commands(commands, args.folder, args.data or _data_folder()) if commands else {}
     for file in files:
         write_results(file, [update(result, done) for result in read_results(file)])
         write_page(file)
-    failed = [result for result in done if result.has_failed]
-    for result in failed:
-        print(f"error: exit code {result.exit_code}: {result.command}", file=sys.stderr)
-    return 1 if failed else 0
+    return 0 if len(done) == len(set(commands)) else 1
 
 
-def update(data: ResultData, done: Iterable[CommandResult]) -> ResultData:
-    """Return a result with the figures of its command, if that has run and succeeded."""
-    for result in done:
-        if result.command == data.command and not result.has_failed:
-            columns, rows = read_tables(result.output)
-            return data.measured_again(result.date, result.commit, result.machine, columns, rows)
-    return data
+def update(data: ResultData, done: Mapping[str, Json]) -> ResultData:
+    """Return a result with the figures of its command, if that has run."""
+    run = done.get(data.command)
+    if run is None:
+        return data
+    columns, rows = read_tables(run["output"])
+    made = {name: run[name] for name in ("date", "commit", "machine")}
+    return replace(data, **made, columns=columns, rows=rows)
 
 
-def run_commands(commands: Iterable[str], folder: Path, data: Path) -> list[CommandResult]:
-    """Run the commands that have no good result yet; add each result to the file of the folder."""
-    folder.mkdir(parents=True, exist_ok=True)
-    file = folder / RESULTS_FILE
-    kept = {result.command: result for result in _read(file) if not result.has_failed}
-    terminal, results = Terminal(), []
+def run_commands(commands: Iterable[str], folder: Path, data: Path) -> dict[str, Json]:
+    """Run the commands that have no result yet; return the results by command.
+
+    A command that fails has none; its error is printed.
+    """
+    cache, terminal, results = ResultCache(folder), Terminal(), {}
     for command in commands:
-        result = kept.get(command)
-        if result is None:
+        try:
             with terminal.busy(command):
-                result = run(command, data)
-            with file.open("a") as stream:
-                stream.write(f"{json.dumps(asdict(result))}\n")
-            terminal.write_line(f"exit code {result.exit_code}, {result.seconds} s: {command}")
-        results.append(result)
+                results[command] = cache.get_or_run(command, partial(run, command, data))
+        except UserFacingError as error:
+            print(f"error: {error}", file=sys.stderr)
     return results
 
 
-def run(command: str, data: Path) -> CommandResult:
-    """Run a command in the folder of the project."""
+def run(command: str, data: Path) -> Json:
+    """Run a command in the folder of the project. Raises UserFacingError if it fails."""
     words = [_find_recording(word, data) for word in shlex.split(command)]
     environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
     begin_s = time.monotonic()
     done = subprocess.run(
         words, cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True, check=False
     )
-    seconds = round(time.monotonic() - begin_s, 1)
-    output = done.stdout.replace(f"{data}/", "")
-    today = date.today().isoformat()
-    return CommandResult(command, done.returncode, seconds, today, _commit(), _machine(), output)
+    if done.returncode > 1 or not done.stdout:
+        raise UserFacingError(f"exit code {done.returncode}: {command}")
+    return {
+        "output": done.stdout.replace(f"{data}/", ""),
+        "seconds": round(time.monotonic() - begin_s, 1),
+        "date": date.today().isoformat(),
+        "commit": _commit(),
+        "machine": _machine(),
+    }
 
 
 def _find_recording(word: str, data: Path) -> str:
@@ -155,12 +137,3 @@ def _data_folder() -> Path:
     if folder is None:
         raise InputError("name the folder of the recordings: --data FOLDER, or set KINECT_VO_DATA")
     return Path(folder)
-
-
-def _read(file: Path) -> list[CommandResult]:
-    if not file.exists():
-        return []
-    try:
-        return [CommandResult(**json.loads(line)) for line in file.read_text().splitlines()]
-    except (OSError, TypeError, ValueError) as error:
-        raise InputError(f"{file}: cannot read it ({error}); name another folder") from error

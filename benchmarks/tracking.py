@@ -92,7 +92,7 @@ class TrackedSequence:
     @property
     def has_pose(self) -> NDArray[np.bool_]:
         """(F,) whether a frame has a pose."""
-        return np.array([estimate.ok for estimate in self.estimates])
+        return np.array([estimate.ok for estimate in self.estimates], np.bool_)
 
     @property
     def trajectory(self) -> Trajectory:
@@ -223,11 +223,11 @@ def track_changed(
 
 def evaluate_accuracy(tracked: TrackedSequence, truth: Trajectory) -> Accuracy:
     """Compare tracked poses with the truth."""
-    evaluation = evaluate_trajectory(tracked.estimates, tracked.stamps_s, truth)
+    evaluation = evaluate_poses(tracked.trajectory, truth, tracked.stamps_s)
     cpu_ms = tracked.cpu_ms if len(tracked.cpu_ms) else np.zeros(1)
     return Accuracy(
         frames=len(tracked.estimates),
-        failed=sum(not estimate.ok for estimate in tracked.estimates),
+        failed=int(np.count_nonzero(~tracked.has_pose)),
         resets=tracked.resets,
         ate_m=None if evaluation is None else evaluation.ate_rmse_m,
         global_m=None if evaluation is None else evaluation.mean_global_error_m,
@@ -240,16 +240,6 @@ def evaluate_accuracy(tracked: TrackedSequence, truth: Trajectory) -> Accuracy:
         median_ms=float(np.median(cpu_ms)),
         p99_ms=float(np.percentile(cpu_ms, 99)),
     )
-
-
-def evaluate_trajectory(
-    estimates: Sequence[Estimate], stamps_s: Sequence[float] | Array, truth: Trajectory | None
-) -> Evaluation | None:
-    """Evaluate the estimates of frames; None without ground truth or with too few poses."""
-    good = [n for n, estimate in enumerate(estimates) if estimate.ok]
-    poses = np.array([estimates[n].T_world_camera for n in good]).reshape(-1, 4, 4)
-    stamps_s = np.array(stamps_s)
-    return evaluate_poses(Trajectory(stamps_s[good], poses), truth, stamps_s)
 
 
 def evaluate_poses(

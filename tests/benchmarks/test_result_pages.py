@@ -6,8 +6,7 @@ import pytest
 
 from benchmarks.console_tables import read_tables
 from benchmarks.result_pages import PAGES, ResultData, read_results, render_page, write_results
-from benchmarks.results import CommandResult, run_commands, update
-from drivers.core import InputError
+from benchmarks.results import run_commands, update
 
 FILES = sorted(PAGES.glob("*.json"))
 BENCH = "kinect-vo compare room --methods direct"
@@ -70,15 +69,12 @@ def test_the_tables_of_an_output_become_one() -> None:
     ]
 
 
-def test_a_result_has_the_figures_of_the_last_run_that_succeeded() -> None:
-    run = CommandResult(
-        BENCH, 0, 1.0, "2026-11-25", "def", "another", "      ATE  lost\ndesk  2.5  0\n"
-    )
-    new = update(DATA, [run])
+def test_a_result_has_the_figures_of_its_command() -> None:
+    run = {"output": "      ATE  lost\ndesk  2.5  0\n", "date": "2026-11-25", "commit": "def"}
+    new = update(DATA, {BENCH: {**run, "machine": "another"}})
     assert (new.date, new.commit, new.machine) == ("2026-11-25", "def", "another")
     assert (new.columns, new.rows) == (["", "ATE", "lost"], [["desk", 2.5, 0]])
-    for exit_code, output in ((2, "half a table"), (1, "")):
-        assert update(DATA, [CommandResult(BENCH, exit_code, 1.0, "", "", "", output)]) == DATA
+    assert update(DATA, {}) == DATA
 
 
 def test_a_page_keeps_its_text_around_a_block(tmp_path: Path) -> None:
@@ -98,16 +94,12 @@ def test_a_plot_has_a_bar_for_each_figure_and_range() -> None:
 
 
 @pytest.mark.subprocess
-def test_a_command_with_a_result_is_not_run_again(tmp_path: Path) -> None:
+def test_a_command_with_a_result_is_not_run_again(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "room").mkdir()
     commands = ["kinect-vo --version", "kinect-vo evaluate room room"]
-    results = [run_commands(commands, tmp_path / "kept", tmp_path) for _ in range(2)]
-    assert results[0][0] == results[1][0]
-    assert [result.exit_code for result in results[0]] == [0, 2]
-    assert len((tmp_path / "kept" / "results.jsonl").read_text().splitlines()) == 3
-
-
-def test_a_damaged_file_of_results_is_an_error(tmp_path: Path) -> None:
-    (tmp_path / "results.jsonl").write_text("{")
-    with pytest.raises(InputError, match=r"results\.jsonl: cannot read it"):
-        run_commands([], tmp_path, tmp_path)
+    first = run_commands(commands, tmp_path / "kept", tmp_path)
+    assert list(first) == commands[:1]
+    assert f"error: exit code 2: {commands[1]}" in capfd.readouterr().err
+    assert run_commands(commands, tmp_path / "kept", tmp_path) == first

@@ -9,7 +9,6 @@ Each FOLDER is a TUM folder. Times are those of the processor.
 import argparse
 import os
 import subprocess
-import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -28,15 +27,9 @@ from benchmarks.harness import (
     run_in_turn,
 )
 from benchmarks.processes import LoadMeter, descendants_of, proportional_mb
-from benchmarks.rendered_sequences import prerender_room
+from benchmarks.streaming_service import streaming_service
 from benchmarks.tracking import Accuracy, evaluate_accuracy, open_frames_with_truth, track
-from drivers.synthetic.config import SyntheticConfig
-from tests.vo_service.service_process import (
-    NO_MAP_CONFIG,
-    START_TIMEOUT_S,
-    ServiceProcess,
-    running_service,
-)
+from tests.vo_service.service_process import NO_MAP_CONFIG, ServiceProcess
 from vo_service.odometry.registry import DEFAULT_METHOD, PROFILES, MethodConfig
 from vo_service.odometry.warm_up import warm_up
 
@@ -131,7 +124,6 @@ def measure_board(args: argparse.Namespace) -> int:
     The map has a process of its own, whose bursts the limit counts as well. Exit code 1 if the
     small profile without a map misses a frame or is below 29.5 poses per second.
     """
-    prerender_room(SyntheticConfig.fast())
     limits = (args.percent, args.memory_mb, args.seconds)
     runs = run_in_turn(
         {case: partial(run_board, case, *limits) for case in BOARD_CASES}, args.rounds
@@ -149,22 +141,11 @@ def measure_board(args: argparse.Namespace) -> int:
 def run_board(case: str, percent: float, memory_mb: int, seconds: float) -> LimitedRun:
     """Start the service of a case under limits, warm up, and measure."""
     profile, config = BOARD_CASES[case]
-    with (
-        # The recorder of the killed service may still write.
-        tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as name,
-        limit_processes(percent, memory_mb) as group,
-        running_service(
-            Path(name) / "service",
-            {},
-            *("--profile", profile),
-            source="synthetic",
-            more_config=config,
-            popen=partial[Any](subprocess.Popen, preexec_fn=partial(_enter, group)),
-        ) as service,
-    ):
-        service.wait_until_streaming(time.monotonic(), START_TIMEOUT_S)
-        time.sleep(WARM_UP_S)
-        return measure_limited(service, group, seconds)
+    with limit_processes(percent, memory_mb) as group:
+        popen = partial[Any](subprocess.Popen, preexec_fn=partial(_enter, group))
+        with streaming_service(config, "--profile", profile, popen=popen) as service:
+            time.sleep(WARM_UP_S)
+            return measure_limited(service, group, seconds)
 
 
 def _enter(group: ControlGroup) -> None:

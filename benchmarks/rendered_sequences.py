@@ -13,7 +13,6 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, replace
-from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -26,17 +25,14 @@ from benchmarks.harness import PROCESSES, Variants, option
 from benchmarks.realism import measure_realism
 from drivers.camera import RgbdFrame
 from drivers.core import InputError
-from drivers.core.folders import cache_folder
 from drivers.core.geometry import Array, Trajectory, read_trajectory
 from drivers.recording.frame_recorder import FrameRecorder
 from drivers.synthetic.camera import make_synthetic_camera
 from drivers.synthetic.camera_motion import CameraMotion
 from drivers.synthetic.config import ShutterTiming, SyntheticConfig
-from drivers.synthetic.frame_provider import render_all as render_into_cache
 from drivers.synthetic.sensors import RenderedImages
 from drivers.tum.writer import TumFolder
 from vo_service.odometry.direct.motion import se3_exp
-from vo_service.terminal import Terminal
 
 THREADS = 2
 PREFETCH_COUNT = 6
@@ -178,13 +174,6 @@ def render(folder: Path, recording: VirtualRecording) -> None:
                 writer.write(recording.measure(frame))
     (part / RECORD).write_text(f"{recording}\n")
     part.rename(folder)
-
-
-def prerender_room(config: SyntheticConfig) -> None:
-    """Render the room of a configuration into the cache, for the services started later."""
-    print("rendering the room (a minute or two, unless it is cached)", file=sys.stderr)
-    progress = partial(Terminal().progress, "rendering the room: frame")
-    render_into_cache(config, cache_folder() / "sequences", progress).close()
 
 
 TRACK_SUFFIX = "-groundtruth.txt"

@@ -26,9 +26,8 @@ from benchmarks.control_groups import limit_processes
 from benchmarks.harness import Table, Variants, combine_runs, option, run_in_turn
 from benchmarks.processes import descendants_of
 from benchmarks.profiles import measure_limited
-from benchmarks.rendered_sequences import prerender_room
+from benchmarks.streaming_service import streaming_service
 from drivers.core import UserFacingError
-from drivers.synthetic.config import SyntheticConfig
 from tests.ports import free_port
 from tests.simulators.kinect_simulator import KinectSimulator
 from tests.simulators.zenoh_router import running_router
@@ -205,7 +204,6 @@ def measure_slow_machine(args: argparse.Namespace) -> int:
     time. At the end of the line is what the status reports at the end. Exit code 1 if adapting
     dropped more frames in any case.
     """
-    prerender_room(SyntheticConfig.fast())
     cases = {
         (percent, adapts): partial(run_limited, percent, adapts, args.seconds)
         for percent in args.percent or PERCENTS
@@ -233,24 +231,15 @@ def measure_slow_machine(args: argparse.Namespace) -> int:
 
 def run_limited(percent: float, adapts: bool, seconds: float) -> SlowRun:
     """Start everything, warm up, then limit the processor time and measure."""
-    # The recorder of the killed service may still write.
-    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as name:
-        folder = Path(name)
-        config = (
-            f"[load]\nadapt = {str(adapts).lower()}\n"
-            f'[rerun]\ntargets = ["{folder}/viewer.rrd"]\npicture_hz = 30.0\n'
-        )
-        with (
-            limit_processes(percent) as group,
-            running_service(
-                folder / "service", {}, source="synthetic", more_config=config
-            ) as service,
-        ):
-            service.wait_until_streaming(time.monotonic())
-            time.sleep(WARM_UP_S)
-            group.add([service.process.pid, *descendants_of(service.process.pid)])
-            run = measure_limited(service, group, seconds)
-            warnings = [text for text in service.status["warnings"] if VIEWER_PAUSED_TEXT in text]
+    config = (
+        f"[load]\nadapt = {str(adapts).lower()}\n"
+        '[rerun]\ntargets = ["FOLDER/viewer.rrd"]\npicture_hz = 30.0\n'
+    )
+    with limit_processes(percent) as group, streaming_service(config) as service:
+        time.sleep(WARM_UP_S)
+        group.add([service.process.pid, *descendants_of(service.process.pid)])
+        run = measure_limited(service, group, seconds)
+        warnings = [text for text in service.status["warnings"] if VIEWER_PAUSED_TEXT in text]
     return SlowRun(run.poses_per_s, run.dropped, run.steal_percent, "; ".join(warnings))
 
 

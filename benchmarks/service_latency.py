@@ -8,25 +8,23 @@ import argparse
 import json
 import os
 import signal
-import tempfile
 import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 
 from benchmarks.harness import Table, Variants, combine_runs, option, run_in_turn
 from benchmarks.piped_process import PipedProcess, running_process
 from benchmarks.processes import LoadMeter
-from benchmarks.rendered_sequences import prerender_room
+from benchmarks.streaming_service import streaming_service
 from benchmarks.subscriber import end_subscriber, running_subscriber
-from drivers.synthetic.config import MotionKind, SyntheticConfig
+from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.motions import ROBOT_CAMERA_HEIGHT_M
 from tests.ports import free_port
 from tests.resource_leaks import find_child_running
 from tests.simulators.zenoh_router import running_router
-from tests.vo_service.service_process import ServiceProcess, running_service
+from tests.vo_service.service_process import ServiceProcess
 from vo_service import CommandRefused, PoseClient
 from vo_service.outputs.rerun.web_viewer_server import rerun_binary
 from vo_service.types.commands import SaveMapCommand
@@ -48,7 +46,7 @@ class InterferenceSetup:
     """Configuration of the service, and actions at fractions of the measured time, in order.
 
     Attributes:
-        more_config: Tables of its configuration; FOLDER is a folder for files.
+        more_config: As of `streaming_service`.
         actions: By fraction.
         keys: Keys that a process reads all the time.
     """
@@ -195,7 +193,6 @@ def measure_latency(args: argparse.Namespace) -> int:
     conclusive.
     """
     chosen = {name: CASES[name] for name in CASES if not args.case or name in args.case}
-    prerender_room(SyntheticConfig.fast())
     return report(run_cases(chosen, args.seconds, args.rounds))
 
 
@@ -212,15 +209,11 @@ def run_cases(
 
 def run(case: InterferenceCase, seconds: float) -> LatencyResult:
     """Start everything, warm up, and measure."""
-    with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
+    with ExitStack() as stack:
         setup = case(stack)
-        config = setup.more_config.replace("FOLDER", folder)
-        service = stack.enter_context(
-            running_service(Path(folder) / "service", {}, source="synthetic", more_config=config)
-        )
+        service = stack.enter_context(streaming_service(setup.more_config))
         start = partial(running_subscriber, _endpoint(service))
         subscriber = stack.enter_context(start("kinect/odom"))
-        service.wait_until_streaming(time.monotonic())
         if setup.keys:
             stack.enter_context(start(*setup.keys))
         time.sleep(WARM_UP_S)
@@ -297,9 +290,7 @@ NAVIGATION_TABLE = Table(
 MAX_NAVIGATION_RATIO, MAX_NAVIGATION_PERCENT = 1.1, 3.0
 RATE_HZ = 30.0
 
-
 # A robot with a level camera drives along a wall.
-ROBOT = replace(SyntheticConfig.fast(), motion=MotionKind.WALL_DRIVE)
 ROBOT_CONFIG = f"""
 [T_base_camera]
 translation_m = [0.0, 0.0, {ROBOT_CAMERA_HEIGHT_M}]
@@ -339,7 +330,6 @@ def measure_navigation(args: argparse.Namespace) -> int:
     and its processes, in percent of a core; that of the reader is not in it. Exit code 1 if scan
     and grid cost more than 1.1 times the latency (99 %), or 3 % of a core.
     """
-    prerender_room(ROBOT)
     results = run_cases(NAVIGATION_CASES, args.seconds, args.rounds)
     print(NAVIGATION_TABLE.head)
     for name, each in results.items():

@@ -23,8 +23,8 @@ import numpy as np
 from benchmarks.harness import Variants, option
 from benchmarks.plots import save_panels
 from benchmarks.processes import Load, LoadMeter, descendants_of, memory_mb, proportional_mb
-from benchmarks.rendered_sequences import prerender_room
 from benchmarks.simulated_kinect import make_kinect
+from benchmarks.streaming_service import streaming_service
 from benchmarks.subscriber import wall_clock_offset_s
 from drivers.core.files import atomic_write
 from drivers.core.geometry import Array
@@ -32,7 +32,6 @@ from tests.resource_leaks import command_line_of, count_open_files_of, is_alive
 from tests.simulators.kinect_simulator import KinectSimulator
 from tests.vo_service.service_process import ServiceProcess, running_service
 from tests.vo_service.subscriber import StatusContent, SubscribedPose
-from vo_service.config import read_config
 
 SLOPE_FRAMES = 10_000
 SAMPLE_FRAMES = 1000
@@ -43,11 +42,11 @@ SEQUENCE_FRAMES = 300
 TIMEOUT_FACTOR = 10.0
 CONFIG = """
 [rerun]
-targets = ["{folder}/viewer.rrd"]
+targets = ["FOLDER/viewer.rrd"]
 file_mb = 50
 files_kept = 2
 [recorder]
-folder = "{folder}/incidents"
+folder = "FOLDER/incidents"
 total_mb = 100
 [map]
 max_mb = 10
@@ -198,25 +197,16 @@ def soak_service(args: argparse.Namespace) -> int:
     code 1 if memory grows by 1 MB or more in 10,000 frames after the warm-up, or another resource
     is not constant.
     """
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        config = CONFIG.format(
-            folder=folder, rate=args.rate, duration_s=SEQUENCE_FRAMES / args.rate
-        )
-        file = folder / "room.toml"
-        file.write_text(f"schema = 1\n{config}")
-        prerender_room(read_config(file).synthetic)
-        # A new process: the memory of a fork is in part that of its parent.
-        with running_service(
-            folder, {}, source="synthetic", more_config=config, popen=subprocess.Popen
-        ) as service:
-            samples: list[SoakSample] = []
-            for sample in take_soak_samples(service, args.frames, args.rate):
-                samples.append(sample)
-                atomic_write(args.state, json.dumps(list(map(asdict, samples))).encode())
-                print(f"{sample.frame} of {args.frames} frames", file=sys.stderr, flush=True)
-            if service.stop() != 0:
-                raise RuntimeError(f"the service did not exit cleanly: {service.log}")
+    config = CONFIG.format(rate=args.rate, duration_s=SEQUENCE_FRAMES / args.rate)
+    # A new process: the memory of a fork is in part that of its parent.
+    with streaming_service(config, popen=subprocess.Popen) as service:
+        samples: list[SoakSample] = []
+        for sample in take_soak_samples(service, args.frames, args.rate):
+            samples.append(sample)
+            atomic_write(args.state, json.dumps(list(map(asdict, samples))).encode())
+            print(f"{sample.frame} of {args.frames} frames", file=sys.stderr, flush=True)
+        if service.stop() != 0:
+            raise RuntimeError(f"the service did not exit cleanly: {service.log}")
     if args.plot is not None:
         save_plot(samples, args.plot)
     return report_growth(samples, args.warm_up)
@@ -224,7 +214,6 @@ def soak_service(args: argparse.Namespace) -> int:
 
 def take_soak_samples(service: ServiceProcess, frames: int, rate: float) -> Iterator[SoakSample]:
     """Yield a sample every thousand frames, until `frames` poses are received."""
-    service.wait_until_streaming(time.monotonic())
     main, received, wall_s = service.process.pid, service.received, wall_clock_offset_s()
     frame, lost, meter = 0, 0, LoadMeter(main)
     while frame < frames:

@@ -7,7 +7,7 @@ python -m benchmarks navigation poses         the same by estimated poses, again
 
 import argparse
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import cv2
@@ -65,15 +65,6 @@ RESOLUTION_M, RANGE_MAX_M = 0.05, 4.0
 ROOM_SEED = 11
 
 
-@dataclass(frozen=True)
-class DepthPair:
-    """A frame of the virtual Kinect without color, and the same without noise."""
-
-    T_world_base: Array
-    measured: RgbdFrame
-    exact: RgbdFrame
-
-
 class VirtualRoom:
     """A virtual room, and a depth camera in it.
 
@@ -97,14 +88,14 @@ class VirtualRoom:
         self._measured = Renderer(config, motion, room)
         self._exact = Renderer(_without_noise(config), motion, room)
 
-    def pairs(self) -> Iterator[DepthPair]:
-        """Render all poses."""
+    def pairs(self) -> Iterator[tuple[Array, RgbdFrame, RgbdFrame]]:
+        """Yield each pose of the base, and its frame without color: measured, and exact."""
         for number, pose in enumerate(self._T_world_base):
-            yield DepthPair(
-                pose,
-                _frame(self._config, self._measured.render_depth(number)),
-                _frame(self._config, self._exact.render_depth(number)),
+            measured, exact = (
+                _frame(self._config, each.render_depth(number))
+                for each in (self._measured, self._exact)
             )
+            yield pose, measured, exact
 
 
 def _without_noise(config: SyntheticConfig) -> SyntheticConfig:
@@ -168,19 +159,19 @@ def scan(args: argparse.Namespace) -> None:
         counts = np.zeros(4)  # ranges, phantoms, misses, phantoms with a wrong tilt
         times_ms = []
         room = VirtualRoom(_random_places(args.views), T_base_camera)
-        for pair in room.pairs():
+        for _, measured, exact in room.pairs():
             scanner = RobotScanner(config, T_base_camera)
-            angles, ranges = scanner.scan(pair.measured, T_base_camera)
-            again = partial(scanner.scan, pair.measured, T_base_camera)
+            angles, ranges = scanner.scan(measured, T_base_camera)
+            again = partial(scanner.scan, measured, T_base_camera)
             times_ms.append(measure_cpu_ms(again)[1])
-            points = points_in_base(pair.exact, T_base_camera)
+            points = points_in_base(exact, T_base_camera)
             along_m = np.hypot(points[:, 0], points[:, 1])
             rising = config.min_height_m + np.tan(np.radians(1.0)) * along_m
             truth = true_ranges(points, angles, rising, height_m + 0.15, config.range_min_m)
             errors.extend(np.abs(ranges - truth)[np.isfinite(ranges) & np.isfinite(truth)])
             R_tilt = so3_exp([0.0, np.radians(-2.0), 0.0])
             tilted = rigid_transform(R_tilt @ T_base_camera[:3, :3], T_base_camera[:3, 3])
-            leaked = scanner.scan(pair.measured, tilted)[1]
+            leaked = scanner.scan(measured, tilted)[1]
             # The tilt may move what is too near to be told beyond the least range.
             floor = np.full(len(points), FLOOR_M)
             surface = true_ranges(points, angles, floor, height_m + 0.3, 0.0)
@@ -235,22 +226,20 @@ def grid(args: argparse.Namespace) -> None:
         room = VirtualRoom(_drive(args.keyframes), T_base_camera)
         drawing = GridMapper(ScanConfig(), T_base_camera, RESOLUTION_M, RANGE_MAX_M)
         truth = TrueCells()
-        cells, poses, times_ms = [], [], []
-        for pair in room.pairs():
-            T_world_camera = pair.T_world_base @ T_base_camera
-            drawing.cells(pair.measured, T_world_camera)
-            result_ms = measure_cpu_ms(partial(drawing.cells, pair.measured, T_world_camera))
-            cells.append(result_ms[0])
-            times_ms.append(result_ms[1])
-            poses.append(T_world_camera)
-            truth.add(points_in_base(pair.exact, T_base_camera), pair.T_world_base, height_m + 0.15)
-        frames = list(zip(cells, poses, strict=True))
+        frames, times_ms = [], []
+        for T_world_base, measured, exact in room.pairs():
+            T_world_camera = T_world_base @ T_base_camera
+            drawing.cells(measured, T_world_camera)
+            seen, cpu_ms = measure_cpu_ms(partial(drawing.cells, measured, T_world_camera))
+            frames.append((seen, T_world_camera))
+            times_ms.append(cpu_ms)
+            truth.add(points_in_base(exact, T_base_camera), T_world_base, height_m + 0.15)
         result = drawing.render(frames)
         figures = truth.compare(result, room.solids, height_m + 0.15)
-        many = -(-REPEATED_KEYFRAMES // len(cells))
+        many = -(-REPEATED_KEYFRAMES // len(frames))
         _, cpu_ms = measure_cpu_ms(partial(drawing.render, frames * many))
         render_ms = cpu_ms * REPEATED_KEYFRAMES / (many * len(frames))
-        count = int(np.mean([len(each) for each in cells]))
+        count = int(np.mean([len(seen) for seen, _ in frames]))
         name = f"{height_m:g} m, {down_deg:g} deg"
         times = float(np.median(times_ms)), render_ms
         print(table.row(name, *(100.0 * each for each in figures), count, *times), flush=True)

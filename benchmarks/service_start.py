@@ -11,7 +11,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from statistics import median
 
@@ -24,16 +24,8 @@ from vo_service import PoseClient
 
 START_TIMEOUT_S = 300.0
 JPEG = b"\xff\xd8\xff"
-
-
-@dataclass(frozen=True)
-class Start:
-    """Folder, configuration and recording of a start, and the client of its service."""
-
-    folder: Path
-    config: Path
-    client: PoseClient
-    recording: Path
+# Measures a start in a folder, with a client of the service, on a recording.
+StartCase = Callable[[Path, PoseClient, Path], float]
 
 
 @option("recording", type=Path, help="folder in TUM format")
@@ -56,7 +48,7 @@ def main(args: argparse.Namespace) -> None:
             print(f"{name}: {median(taken_s):.2f} s (all: {each})", flush=True)
 
 
-def measure_start_s(measure: Callable[[Start], float], recording: Path) -> float:
+def measure_start_s(measure: StartCase, recording: Path) -> float:
     """Measure one start in an empty folder, with a client that listens."""
     with tempfile.TemporaryDirectory() as name:
         folder, endpoints = Path(name), [f"tcp/127.0.0.1:{free_port()}" for _ in range(2)]
@@ -65,58 +57,55 @@ def measure_start_s(measure: Callable[[Start], float], recording: Path) -> float
         config.write_text(f'schema = 1\n[zenoh]\nlisten = ["{own}"]\nconnect = ["{reader}"]\n')
         client_config.write_text(json.dumps({"listen": {"endpoints": [reader]}}))
         with PoseClient(config_file=client_config) as client:
-            return measure(Start(folder, config, client, recording.absolute()))
+            return measure(folder, client, recording.absolute())
 
 
-def first_pose_of_recording_s(start: Start) -> float:
+def first_pose_s(folder: Path, client: PoseClient, recording: Path, camera: str) -> float:
     """Measure the seconds from the start of the service to the first pose."""
-    return _first_pose_s(start, f"tum:{start.recording}")
-
-
-def first_pose_of_virtual_kinect_s(start: Start) -> float:
-    """As above; the room is rendered first."""
-    return _first_pose_s(start, "synthetic")
-
-
-def _first_pose_s(start: Start, camera: str) -> float:
     begin_s = time.monotonic()
-    with running_command(start.folder, {}, "run", "--camera", camera, "--config", start.config):
-        next(iter(start.client.poses(timeout_s=START_TIMEOUT_S)))
+    with running_command(
+        folder, {}, "run", "--camera", camera.replace("RECORDING", f"{recording}")
+    ):
+        wait_for_pose(client)
         return time.monotonic() - begin_s
 
 
-def first_pose_of_kinect_s(start: Start) -> float:
+def first_pose_of_kinect_s(folder: Path, client: PoseClient, recording: Path) -> float:
     """Measure the seconds from the first frame of a simulated Kinect to its pose."""
-    kinect = make_kinect(start.folder, start.recording)
-    command = "run", "--camera", "freenect", "--config", start.config
-    with kinect, running_command(start.folder, kinect.environment, *command):
-        pose = next(iter(start.client.poses(timeout_s=START_TIMEOUT_S)))
-        return time.time() - pose.stamp_s
+    kinect = make_kinect(folder, recording)
+    with kinect, running_command(folder, kinect.environment, "run", "--camera", "freenect"):
+        stamp_s = wait_for_pose(client)
+        return time.time() - stamp_s
 
 
-def first_picture_of_demo_s(start: Start) -> float:
-    """Measure the seconds until the demo's recording has an image."""
-    recording = start.folder / "demo" / "demo.rrd"
+def first_picture_of_demo_s(folder: Path, client: PoseClient, recording: Path) -> float:
+    """Measure the seconds until the demo's Rerun file has an image."""
+    file = folder / "demo" / "demo.rrd"
     begin_s = time.monotonic()
-    command = "demo", "--config", start.config, "--output", recording.parent
-    with running_command(start.folder, {}, *command) as process:
+    with running_command(folder, {}, "demo", "--output", file.parent) as process:
 
         def has_picture() -> bool:
             assert process.poll() is None, "the demo has ended"
-            return recording.exists() and JPEG in recording.read_bytes()
+            return file.exists() and JPEG in file.read_bytes()
 
         wait_until(has_picture, "an image of the demo", timeout_s=START_TIMEOUT_S)
         return time.monotonic() - begin_s
+
+
+def wait_for_pose(client: PoseClient) -> float:
+    """Wait for the first pose; return its stamp."""
+    return next(iter(client.poses(timeout_s=START_TIMEOUT_S))).stamp_s
 
 
 @contextmanager
 def running_command(
     folder: Path, variables: Mapping[str, str], *arguments: object
 ) -> Iterator["subprocess.Popen[bytes]"]:
-    """Run a command with its own cache; end it at the end of the block."""
+    """Run a command with a cache and the configuration of a folder; end it at the end."""
     caches = {"XDG_CACHE_HOME": folder / "cache", "XDG_STATE_HOME": folder / "state"}
     environment = os.environ | variables | {name: str(path) for name, path in caches.items()}
-    command = [str(part) for part in (KINECT_VO, *arguments)]
+    parts = (KINECT_VO, *arguments, "--config", folder / "kinect.toml")
+    command = list(map(str, parts))
     devnull = subprocess.DEVNULL
     with subprocess.Popen(command, env=environment, stdout=devnull, stderr=devnull) as process:
         try:
@@ -125,9 +114,9 @@ def running_command(
             process.terminate()
 
 
-CASES: Mapping[str, Callable[[Start], float]] = {
-    "recording": first_pose_of_recording_s,
+CASES: Mapping[str, StartCase] = {
+    "recording": partial(first_pose_s, camera="tum:RECORDING"),
     "Kinect": first_pose_of_kinect_s,
-    "virtual Kinect": first_pose_of_virtual_kinect_s,
+    "virtual Kinect": partial(first_pose_s, camera="synthetic"),
     "demo": first_picture_of_demo_s,
 }

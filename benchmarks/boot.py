@@ -16,6 +16,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import zenoh
@@ -36,12 +37,9 @@ from benchmarks.harness import option
 from tests.ports import free_port
 
 WATCHDOG_S = 10.0
-START_TIMEOUT_S = 600.0
 MIN_POSES_PER_S = 15.0
 ZENOH_PROFILES = Path(__file__).parents[1] / "config" / "zenoh"
 INSTALLED = "/usr/local/bin/kinect-vo"
-# Kernels are compiled at 30 % of a processor.
-INSTALL_TIMEOUT_S = 900.0
 KEYS = ("ca.pem", "tls.pem", "tls.key")
 
 
@@ -65,14 +63,7 @@ def check_install(computer: BootedComputer) -> str:
     drop_in.parent.mkdir(parents=True, exist_ok=True)
     drop_in.write_text("[Service]\nCPUQuota=30%\n")
     begin_s = time.monotonic()
-    output = computer.container.run(
-        computer.command,
-        "service",
-        "install",
-        "--enable",
-        limit_s=START_TIMEOUT_S + 120,
-        check=True,
-    )
+    output = computer.kinect_vo("service", "install", "--enable")
     taken_s = time.monotonic() - begin_s
     assert "kinect.toml: kept unchanged" in output
     assert computer.unit_property("ActiveState") == "active"
@@ -123,16 +114,13 @@ def check_reload_of_invalid_config(computer: BootedComputer) -> str:
     """`systemctl reload` reports an invalid configuration until it is fixed."""
     main = computer.unit_property("MainPID")
     computer.write_config(level="loud")
-    computer.container.run("systemctl", "reload", UNIT, check=True)
-    wait_for(
-        lambda: "loud" in computer.unit_property("StatusText"), 20.0, "the configuration error"
-    )
-    status_text = computer.unit_property("StatusText")
+    computer.systemctl("reload", UNIT)
+    read_status = partial(computer.unit_property, "StatusText")
+    wait_for(lambda: "loud" in read_status(), 20.0, "the configuration error")
+    status_text = read_status()
     computer.write_config()
-    computer.container.run("systemctl", "reload", UNIT, check=True)
-    wait_for(
-        lambda: "loud" not in computer.unit_property("StatusText"), 20.0, "the end of the error"
-    )
+    computer.systemctl("reload", UNIT)
+    wait_for(lambda: "loud" not in read_status(), 20.0, "the end of the error")
     assert computer.unit_property("MainPID") == main
     computer.listener.wait_for_poses(30, RECOVERY_TIMEOUT_S)
     return status_text
@@ -163,7 +151,7 @@ def check_restart_after_crash(computer: BootedComputer) -> str:
 def check_stop_time(computer: BootedComputer) -> str:
     """`systemctl stop` takes less than 5 s."""
     begin_s = time.monotonic()
-    computer.container.run("systemctl", "stop", UNIT, check=True)
+    computer.systemctl("stop", UNIT)
     taken_s = time.monotonic() - begin_s
     assert taken_s < 5.0, f"it took {taken_s:.1f} s"
     assert computer.unit_property("Result") == "success", computer.unit_property("Result")
@@ -184,9 +172,8 @@ def check_no_restart_on_config_error(computer: BootedComputer) -> str:
 
 def _recovery_after_signal(computer: BootedComputer, signal: str, results: str) -> str:
     """Send the main process a signal, and wait for poses of the restarted service."""
-    run = computer.container
     restarts, main = int(computer.unit_property("NRestarts")), computer.unit_property("MainPID")
-    run.shell(f"kill -{signal} {main}")
+    computer.container.shell(f"kill -{signal} {main}")
     begin_s = time.monotonic()
     wait_for(lambda: int(computer.unit_property("NRestarts")) > restarts, 60.0, "a restart")
     computer.listener.wait_for_poses(30, RECOVERY_TIMEOUT_S)
@@ -228,8 +215,7 @@ def check_starts_at_boot(computer: BootedComputer) -> str:
 def check_reinstall_does_not_restart(computer: BootedComputer) -> str:
     """Installing the same program again does not restart the service."""
     main = computer.unit_property("MainPID")
-    command = [computer.command, "service", "install"]
-    output = computer.container.run(*command, limit_s=INSTALL_TIMEOUT_S, check=True)
+    output = computer.kinect_vo("service", "install")
     changed = [line for line in output.splitlines() if line.endswith(": written")]
     assert (computer.unit_property("MainPID") == main) == (not changed), f"restarted: {changed}"
     computer.listener.wait_for_poses(30, RENDER_TIMEOUT_S)
@@ -244,12 +230,11 @@ def check_named_instance(computer: BootedComputer) -> str:
     computer.container.shell(
         "cp -a /var/cache/private/kinect-vo /var/cache/private/kinect-vo-front"
     )
-    command = [computer.command, "service", "install", "--name", "front", "--enable"]
-    computer.container.run(*command, limit_s=INSTALL_TIMEOUT_S, check=True)
+    computer.kinect_vo("service", "install", "--name", "front", "--enable")
     with running_listener(port, "front") as listener:
         taken_s = listener.wait_for_poses(30, RENDER_TIMEOUT_S)
     computer.listener.wait_for_poses(30, RENDER_TIMEOUT_S)
-    computer.container.run("systemctl", "disable", "--now", "kinect-vo@front", check=True)
+    computer.systemctl("disable", "--now", "kinect-vo@front")
     return f"poses on front/odom after {taken_s:.0f} s, and still on kinect/odom"
 
 
@@ -281,11 +266,8 @@ def _install_tls(computer: BootedComputer, keys: Path, port: int) -> None:
     file = 'config_file = "/etc/kinect-vo/robot-tls.json5"'
     config = computer.config_text().replace("[zenoh]", f"[zenoh]\n{file}")
     (folder / "kinect.toml").write_text(config)
-    command = [computer.command, "service", "install", "--network-tls"]
-    computer.container.run(*command, limit_s=INSTALL_TIMEOUT_S, check=True)
-    computer.container.run(
-        "systemctl", "restart", "kinect-vo", limit_s=INSTALL_TIMEOUT_S, check=True
-    )
+    computer.kinect_vo("service", "install", "--network-tls")
+    computer.systemctl("restart", UNIT)
 
 
 def check_replay_unit(computer: BootedComputer) -> str:
@@ -298,12 +280,12 @@ def check_replay_unit(computer: BootedComputer) -> str:
     computer.container.shell(
         f"mkdir -p /srv/kinect-vo; rm -rf /srv/kinect-vo/room; {cache} {record}"
     )
-    computer.container.run("systemctl", "start", "kinect-vo-replay@room", check=True)
+    computer.systemctl("start", "kinect-vo-replay@room")
     live = computer.unit_property("ActiveState")
     assert live == "inactive", f"the live service is {live}"
     taken_s = computer.listener.wait_for_poses(100, RENDER_TIMEOUT_S)
     state = computer.container.run("systemctl", "is-active", "kinect-vo-replay@room").strip()
-    computer.container.run("systemctl", "start", "kinect-vo", limit_s=INSTALL_TIMEOUT_S, check=True)
+    computer.systemctl("start", UNIT)
     after = computer.container.run("systemctl", "is-active", "kinect-vo-replay@room").strip()
     assert (state, after) == ("active", "inactive"), (state, after)
     return f"100 poses of 2 s of recording after {taken_s:.0f} s"
@@ -315,7 +297,7 @@ def check_uninstall_keeps_user_files(computer: BootedComputer) -> str:
     left = _leftover_files(computer.tree)
     assert "etc/kinect-vo" in left, f"left: {left}"
     assert all(path.startswith(("etc/kinect-vo", "var/")) for path in left), f"left: {left}"
-    computer.container.run(computer.command, "service", "uninstall", "--purge", check=True)
+    computer.kinect_vo("service", "uninstall", "--purge")
     assert _leftover_files(computer.tree) == [], f"left: {_leftover_files(computer.tree)}"
     return f"kept: {', '.join(left)}; with --purge nothing"
 

@@ -37,6 +37,8 @@ SETTINGS = """{{mode: "peer", connect: {{endpoints: ["tcp/127.0.0.1:{port}"]}},
     listen: {{endpoints: []}}, scouting: {{multicast: {{enabled: false}}}}}}"""
 UNIT = "kinect-vo.service"
 RECOVERY_TIMEOUT_S = 120.0
+# Kernels are compiled at 30 % of a processor.
+INSTALL_TIMEOUT_S = 900.0
 # A new version renders its room again.
 RENDER_TIMEOUT_S = 900.0
 CONFIG = """\
@@ -275,13 +277,22 @@ class BootedComputer:
     listener: BootListener
     port: int
 
+    def kinect_vo(self, *arguments: str) -> str:
+        """Run the checkout's command; return its output. Raises AssertionError if it fails."""
+        command = (self.command, *arguments)
+        return self.container.run(*command, limit_s=INSTALL_TIMEOUT_S, check=True)
+
+    def systemctl(self, *arguments: str) -> None:
+        """Run systemctl. Raises AssertionError if it fails."""
+        self.container.run("systemctl", *arguments, limit_s=INSTALL_TIMEOUT_S, check=True)
+
     def unit_property(self, name: str) -> str:
         """Read a property of the service from systemd."""
         return self.container.run("systemctl", "show", UNIT, "-p", name, "--value").strip()
 
     def set_cpu_quota(self, text: str) -> None:
         """Set the processor quota of the service; "" removes it."""
-        self.container.run("systemctl", "set-property", "--runtime", UNIT, f"CPUQuota={text}")
+        self.systemctl("set-property", "--runtime", UNIT, f"CPUQuota={text}")
 
     def write_config(self, level: str = "info") -> None:
         """Write the configuration; it is valid if `level` is a log level."""

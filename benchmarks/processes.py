@@ -66,21 +66,13 @@ def descendants_of(process: int) -> list[int]:
     return children + [each for child in children for each in descendants_of(child)]
 
 
-def proportional_mb(process: int) -> float:
-    """Return the proportional set size of a process, MB."""
-    return _sizes_kb(process, "smaps_rollup")["Pss"] / 1e3
-
-
-def memory_mb(process: int, *kinds: str) -> float:
-    """Return the sum of some kinds of memory of a process, MB: "VmRSS", "RssAnon" ..."""
-    sizes_kb = _sizes_kb(process, "status")
-    return sum(sizes_kb[kind] for kind in kinds) / 1e3
-
-
-def _sizes_kb(process: int, file: str) -> dict[str, int]:
-    """Sizes of memory by kind, of a file of /proc."""
+def memory_mb(process: int, kind: str) -> float:
+    """Return a kind of memory of a process, MB: "VmRSS", "RssAnon", or "Pss", its share of all."""
+    file = "smaps_rollup" if kind == "Pss" else "status"
     text = Path(f"/proc/{process}/{file}").read_text()
-    return {kind: int(size) for kind, size in re.findall(r"(?m)^(\w+):\s+(\d+) kB$", text)}
+    size = re.search(rf"(?m)^{kind}:\s+(\d+) kB$", text)
+    assert size is not None
+    return int(size[1]) / 1e3
 
 
 def _cpu_s(process: int) -> float:

@@ -26,7 +26,7 @@ from benchmarks.harness import (
     option,
     run_in_turn,
 )
-from benchmarks.processes import LoadMeter, descendants_of, proportional_mb
+from benchmarks.processes import LoadMeter, descendants_of, memory_mb
 from benchmarks.streaming_service import streaming_service
 from benchmarks.tracking import Accuracy, evaluate_accuracy, open_frames_with_truth, track
 from tests.vo_service.service_process import NO_MAP_CONFIG, ServiceProcess
@@ -166,7 +166,7 @@ def measure_limited(service: ServiceProcess, group: ControlGroup, seconds: float
         dropped=after.content["camera"]["dropped"] - before.content["camera"]["dropped"],
         service_percent=load.percent(main),
         workers_percent=load.percent_without(main),
-        memory_mb=sum(map(proportional_mb, [main, *descendants_of(main)])),
+        memory_mb=sum(memory_mb(each, "Pss") for each in (main, *descendants_of(main))),
         throttled_s=group.throttled_s - throttled_s,
         steal_percent=load.steal_percent,
     )

@@ -67,7 +67,8 @@ class ResultData:
         ranges = [_range(row[column]) for row in self.rows]
         scale = _Scale([high for _, high in ranges])
         labels = self._label_columns()
-        marks = [f'<text x="{LABELS}" y="14" font-weight="bold">{escape(self._title())}</text>']
+        title = escape(self.plot + ", logarithmic" * scale.is_logarithmic)
+        marks = [f'<text x="{LABELS}" y="14" font-weight="bold">{title}</text>']
         for number, (row, (low, high)) in enumerate(zip(self.rows, ranges, strict=True)):
             y = LINE * (number + 1)
             label = escape(", ".join(str(row[i]) for i in labels if row[i]).replace("`", ""))
@@ -93,10 +94,6 @@ class ResultData:
         """The leading columns of texts."""
         names = [i for i in range(len(self.columns)) if all(_is_label(row[i]) for row in self.rows)]
         return [i for number, i in enumerate(names) if i == number] or [0]
-
-    def _title(self) -> str:
-        high = [_range(row[self.columns.index(self.plot)])[1] for row in self.rows]
-        return self.plot + (", logarithmic" if _Scale(high).is_logarithmic else "")
 
 
 class _Scale:

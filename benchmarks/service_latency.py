@@ -38,6 +38,7 @@ TABLE = Table(
     *(24, "p50:7.1f", "p99:7.1f", "max:8.1f", "p50 x:7.2f", "p99 x:7.2f", "dropped:8d"),
     *("lost:5d", "service:9.2f", "workers:9.2f", "steal %:8.1f", "limits:8"),
 )
+MOUNT = f"[T_base_camera]\ntranslation_m = [0.0, 0.0, {ROBOT_CAMERA_HEIGHT_M}]\n"
 Action = Callable[[ServiceProcess], None]
 
 
@@ -54,11 +55,6 @@ class InterferenceSetup:
     more_config: str
     actions: tuple[tuple[float, Action], ...] = ()
     keys: tuple[str, ...] = ()
-
-
-def record_to_viewer_file(stack: ExitStack) -> InterferenceSetup:
-    """No disturbance; the viewer records into a file."""
-    return InterferenceSetup(_viewers())
 
 
 def signal_viewer_process(
@@ -84,11 +80,6 @@ def signal_viewer(stack: ExitStack, number: signal.Signals, fraction: float) -> 
     return InterferenceSetup(_viewers(f"connect:127.0.0.1:{port}"), (action,))
 
 
-def missing_viewer(stack: ExitStack) -> InterferenceSetup:
-    """There is no viewer at the service's target."""
-    return InterferenceSetup(_viewers(f"connect:127.0.0.1:{free_port()}"))
-
-
 def freeze_subscriber(stack: ExitStack) -> InterferenceSetup:
     """Stop a second subscriber beside the measuring one."""
 
@@ -108,38 +99,33 @@ def restart_router(stack: ExitStack) -> InterferenceSetup:
     return InterferenceSetup(f"connect = {json.dumps([endpoint])}\n{_viewers()}", (kill, start))
 
 
-def save_maps(stack: ExitStack) -> InterferenceSetup:
-    """Save a fine map four times: the mapper is busy most of the time."""
-    actions = tuple((share, _save_map) for share in (0.0, 0.25, 0.5, 0.75))
-    return InterferenceSetup(f"{_viewers()}[map]\nvoxel_m = 0.01\n", actions)
-
-
-def disable_loop_closure(stack: ExitStack) -> InterferenceSetup:
-    """No disturbance and no loop closure: the other cases show its cost."""
-    return InterferenceSetup(f"{_viewers()}[map]\nloop_closure = false\n")
-
-
-def read_all_outputs(stack: ExitStack) -> InterferenceSetup:
-    """Another process reads the raw images, the scan and the map."""
-    mount = f"[T_base_camera]\ntranslation_m = [0.0, 0.0, {ROBOT_CAMERA_HEIGHT_M}]\n"
-    keys = "kinect/color/image", "kinect/depth/image", "kinect/scan", "kinect/map"
-    return InterferenceSetup(f"{_viewers()}{mount}[scan]\nenabled = true\n", keys=keys)
-
-
 # A case prepares the environment of the service, and leaves to the stack what ends after it.
 InterferenceCase = Callable[[ExitStack], InterferenceSetup]
 CASES: Mapping[str, InterferenceCase] = {
-    "viewer recording": record_to_viewer_file,
+    # No disturbance.
+    "viewer recording": lambda stack: InterferenceSetup(_viewers()),
     "viewer's process frozen": partial(signal_viewer_process, number=signal.SIGSTOP, fraction=0.0),
     "viewer's process killed": partial(signal_viewer_process, number=signal.SIGKILL, fraction=0.3),
     "viewer frozen": partial(signal_viewer, number=signal.SIGSTOP, fraction=0.0),
     "viewer killed": partial(signal_viewer, number=signal.SIGKILL, fraction=0.3),
-    "viewer never started": missing_viewer,
+    "viewer never started": lambda stack: InterferenceSetup(
+        _viewers(f"connect:127.0.0.1:{free_port()}")
+    ),
     "subscriber frozen": freeze_subscriber,
     "router killed and back": restart_router,
-    "maps saved": save_maps,
-    "no loop closure": disable_loop_closure,
-    "all outputs read": read_all_outputs,
+    # The mapper is busy most of the time.
+    "maps saved": lambda stack: InterferenceSetup(
+        f"{_viewers()}[map]\nvoxel_m = 0.01\n",
+        tuple((share, _save_map) for share in (0.0, 0.25, 0.5, 0.75)),
+    ),
+    # The other cases show its cost.
+    "no loop closure": lambda stack: InterferenceSetup(
+        f"{_viewers()}[map]\nloop_closure = false\n"
+    ),
+    "all outputs read": lambda stack: InterferenceSetup(
+        f"{_viewers()}{MOUNT}[scan]\nenabled = true\n",
+        keys=("kinect/color/image", "kinect/depth/image", "kinect/scan", "kinect/map"),
+    ),
 }
 
 
@@ -291,9 +277,7 @@ MAX_NAVIGATION_RATIO, MAX_NAVIGATION_PERCENT = 1.1, 3.0
 RATE_HZ = 30.0
 
 # A robot with a level camera drives along a wall.
-ROBOT_CONFIG = f"""
-[T_base_camera]
-translation_m = [0.0, 0.0, {ROBOT_CAMERA_HEIGHT_M}]
+ROBOT_CONFIG = f"""{MOUNT}
 [synthetic]
 motion = "wall-drive"
 duration_s = 10.0
@@ -304,19 +288,14 @@ color = {{ distortion = [0.0, 0.0, 0.0, 0.0, 0.0], exposure_s = 0.0, smooth_edge
 """
 
 
-def without_navigation(stack: ExitStack) -> InterferenceSetup:
-    """No scan, and no cells of the grid: all that the camera sees is too low for an obstacle."""
-    return InterferenceSetup(f"{ROBOT_CONFIG}enabled = false\nmin_height_m = 2.0\n")
-
-
-def with_navigation(stack: ExitStack) -> InterferenceSetup:
-    """Scan and grid, both with a reader."""
-    return InterferenceSetup(f"{ROBOT_CONFIG}enabled = true\n", keys=("kinect/scan", "kinect/map"))
-
-
 NAVIGATION_CASES: Mapping[str, InterferenceCase] = {
-    "without scan and grid": without_navigation,
-    "scan and grid": with_navigation,
+    # No cells of the grid: all that the camera sees is too low for an obstacle.
+    "without scan and grid": lambda stack: InterferenceSetup(
+        f"{ROBOT_CONFIG}enabled = false\nmin_height_m = 2.0\n"
+    ),
+    "scan and grid": lambda stack: InterferenceSetup(
+        f"{ROBOT_CONFIG}enabled = true\n", keys=("kinect/scan", "kinect/map")
+    ),
 }
 
 

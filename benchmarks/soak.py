@@ -22,7 +22,7 @@ import numpy as np
 
 from benchmarks.harness import Variants, option
 from benchmarks.plots import save_panels
-from benchmarks.processes import Load, LoadMeter, descendants_of, memory_mb, proportional_mb
+from benchmarks.processes import Load, LoadMeter, descendants_of, memory_mb
 from benchmarks.simulated_kinect import make_kinect
 from benchmarks.streaming_service import streaming_service
 from benchmarks.subscriber import wall_clock_offset_s
@@ -319,9 +319,9 @@ def take_samples(
     for until_s in (0.0, min(FIRST_REPORT_S, seconds / 2), seconds):
         time.sleep(max(0.0, begin_s + until_s - time.monotonic()))
         load, sent, poses = meter.read(), min(kinect.frames_sent), len(service.received.poses)
-        memory_mb = {process: proportional_mb(process) for process in load.cpu_s}
+        used_mb = {process: memory_mb(process, "Pss") for process in load.cpu_s}
         wait_for_new_status(service)
-        samples.append(KinectSample(load, sent, poses, service.status, memory_mb))
+        samples.append(KinectSample(load, sent, poses, service.status, used_mb))
     return samples
 
 

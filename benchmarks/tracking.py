@@ -189,7 +189,6 @@ class Accuracy:
         overconfident: See `TrackedSequence.count_overconfident`.
         cpu_ms: Mean processor time of a frame.
         median_ms: The median.
-        p99_ms: The 99th percentile.
     """
 
     frames: int
@@ -204,7 +203,6 @@ class Accuracy:
     overconfident: int = 0
     cpu_ms: float = 0.0
     median_ms: float = 0.0
-    p99_ms: float = 0.0
 
 
 def track_changed(
@@ -238,7 +236,6 @@ def evaluate_accuracy(tracked: TrackedSequence, truth: Trajectory) -> Accuracy:
         overconfident=tracked.count_overconfident(truth),
         cpu_ms=float(np.mean(cpu_ms)),
         median_ms=float(np.median(cpu_ms)),
-        p99_ms=float(np.percentile(cpu_ms, 99)),
     )
 
 

@@ -73,10 +73,15 @@ def test_a_kept_result_is_not_measured_again(tmp_path: Path) -> None:
     assert again.get_or_run("desk", lambda: pytest.fail("measured again")) == {"ate_m": 0.1}
 
 
-def test_a_file_of_another_kind_is_not_overwritten(tmp_path: Path) -> None:
-    (tmp_path / "results.json").write_text("[1]")
-    with pytest.raises(InputError, match="has no results; name another folder"):
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [("[1]", "has no results; name another folder"), ("thesis", "cannot read it")],
+)
+def test_a_file_of_another_kind_is_not_overwritten(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "results.json").write_text(text)
+    with pytest.raises(InputError, match=message):
         ResultCache(tmp_path)
+    assert (tmp_path / "results.json").read_text() == text
 
 
 def test_the_named_variant_runs_with_its_options() -> None:

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from benchmarks.processes import LoadMeter, memory_mb, proportional_mb
+from benchmarks.processes import LoadMeter, memory_mb
 from benchmarks.subscriber import Arrivals
 from tests.waiting import wait_until
 
@@ -30,7 +30,7 @@ def test_the_load_is_that_of_a_process_and_its_descendants() -> None:
 
 def test_memory_is_in_megabytes() -> None:
     assert 10.0 < memory_mb(os.getpid(), "RssAnon") < memory_mb(os.getpid(), "VmRSS") < 1e5
-    assert 10.0 < proportional_mb(os.getpid()) < 1e5
+    assert 10.0 < memory_mb(os.getpid(), "Pss") < 1e5
 
 
 def test_lost_messages_and_latencies_are_those_between_two_stamps() -> None:

@@ -9,7 +9,6 @@ import pytest
 
 from benchmarks import tours
 from benchmarks.__main__ import main
-from benchmarks.harness import ResultCache
 from benchmarks.rendered_sequences import PREFETCH_COUNT, prefetch
 from benchmarks.tours import (
     LoopClosureRunner,
@@ -22,7 +21,6 @@ from benchmarks.tours import (
     summarize,
 )
 from drivers.camera import PinholeCamera, RgbdFrame
-from drivers.core import InputError
 from drivers.core.geometry import Array, Trajectory, inverse
 from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.renderer import make_renderer
@@ -162,13 +160,3 @@ def test_a_finished_tour_is_not_run_again(
     monkeypatch.setattr(tours, "render_frames", lambda config: 1 / 0)
     assert main(arguments) == 0
     assert capsys.readouterr().out == first
-
-
-def test_a_file_of_other_results_is_not_changed(tmp_path: Path) -> None:
-    (tmp_path / "results.json").write_text("[1, 2]")
-    with pytest.raises(InputError, match="has no results; name another folder"):
-        ResultCache(tmp_path)
-    (tmp_path / "results.json").write_text("thesis")
-    with pytest.raises(InputError, match="cannot read it"):
-        ResultCache(tmp_path)
-    assert (tmp_path / "results.json").read_text() == "thesis"

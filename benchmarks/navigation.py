@@ -6,7 +6,6 @@ python -m benchmarks navigation poses         the same by estimated poses, again
 """
 
 import argparse
-from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 
@@ -66,49 +65,41 @@ ROOM_SEED = 11
 
 
 class VirtualRoom:
-    """A virtual room, and a depth camera in it.
+    """A virtual room, and the camera of a base that moves in it."""
 
-    Args:
-        T_world_base: (N, 4, 4) poses of the base.
-        T_base_camera: 4x4.
-    """
-
-    def __init__(self, T_world_base: Array, T_base_camera: Array) -> None:
-        motion = GivenPoses(T_world_base @ T_base_camera, 1.0)
-        self._T_world_base = T_world_base
-        self._config = config = SyntheticConfig(
-            seed=ROOM_SEED,
-            texel_m=0.05,
-            rate_hz=1.0,
-            duration_s=float(len(T_world_base)),
-            timing=ShutterTiming(0.0, 0.0),
+    def __init__(self, config: SyntheticConfig, motion: CameraMotion) -> None:
+        without_noise = replace(
+            config.depth, disparity_step_px=0.0, disparity_sigma_px=0.0, lateral_sigma_px=0.0
         )
+        exact = replace(config, depth=without_noise, timing=ShutterTiming(0.0, 0.0))
         room = RoomModel.build(config, motion, 1)
         self.solids = room.solids
-        self._measured = Renderer(config, motion, room)
-        self._exact = Renderer(_without_noise(config), motion, room)
+        self.renderer = Renderer(config, motion, room)
+        self._config, self._exact = config, Renderer(exact, motion, room)
 
-    def pairs(self) -> Iterator[tuple[Array, RgbdFrame, RgbdFrame]]:
-        """Yield each pose of the base, and its frame without color: measured, and exact."""
-        for number, pose in enumerate(self._T_world_base):
-            measured, exact = (
-                _frame(self._config, each.render_depth(number))
-                for each in (self._measured, self._exact)
-            )
-            yield pose, measured, exact
+    def measured(self, number: int) -> RgbdFrame:
+        """Render a frame without color."""
+        return self._frame(self.renderer.render_depth(number))
+
+    def exact(self, number: int) -> RgbdFrame:
+        """Render it without noise, and with all rows at the stamp."""
+        return self._frame(self._exact.render_depth(number))
+
+    def _frame(self, depth_raw: NDArray[np.uint16]) -> RgbdFrame:
+        color, config = np.zeros((*depth_raw.shape, 3), np.uint8), self._config
+        return RgbdFrame(0, 0.0, 0.0, color, depth_raw, config.depth_factor, config.camera)
 
 
-def _without_noise(config: SyntheticConfig) -> SyntheticConfig:
-    """Return a sensor whose depth has no noise, and all rows at the stamp."""
-    depth = replace(
-        config.depth, disparity_step_px=0.0, disparity_sigma_px=0.0, lateral_sigma_px=0.0
+def make_room(T_world_camera: Array) -> VirtualRoom:
+    """Make a room with a frame for each pose (N, 4, 4)."""
+    config = SyntheticConfig(
+        seed=ROOM_SEED,
+        texel_m=0.05,
+        rate_hz=1.0,
+        duration_s=float(len(T_world_camera)),
+        timing=ShutterTiming(0.0, 0.0),
     )
-    return replace(config, depth=depth, timing=ShutterTiming(0.0, 0.0))
-
-
-def _frame(config: SyntheticConfig, depth_raw: NDArray[np.uint16]) -> RgbdFrame:
-    color = np.zeros((*depth_raw.shape, 3), np.uint8)
-    return RgbdFrame(0, 0.0, 0.0, color, depth_raw, config.depth_factor, config.camera)
+    return VirtualRoom(config, GivenPoses(T_world_camera, 1.0))
 
 
 def points_in_base(frame: RgbdFrame, T_base_camera: Array) -> Array:
@@ -158,8 +149,9 @@ def scan(args: argparse.Namespace) -> None:
         errors: list[float] = []
         counts = np.zeros(4)  # ranges, phantoms, misses, phantoms with a wrong tilt
         times_ms = []
-        room = VirtualRoom(_random_places(args.views), T_base_camera)
-        for _, measured, exact in room.pairs():
+        room = make_room(_random_places(args.views) @ T_base_camera)
+        for number in range(args.views):
+            measured, exact = room.measured(number), room.exact(number)
             scanner = RobotScanner(config, T_base_camera)
             angles, ranges = scanner.scan(measured, T_base_camera)
             again = partial(scanner.scan, measured, T_base_camera)
@@ -223,17 +215,19 @@ def grid(args: argparse.Namespace) -> None:
     print(table.head)
     for height_m, down_deg in DRIVES:
         T_base_camera = mounted(height_m, down_deg)
-        room = VirtualRoom(_drive(args.keyframes), T_base_camera)
+        T_world_bases = _drive(args.keyframes)
+        room = make_room(T_world_bases @ T_base_camera)
         drawing = GridMapper(ScanConfig(), T_base_camera, RESOLUTION_M, RANGE_MAX_M)
         truth = TrueCells()
         frames, times_ms = [], []
-        for T_world_base, measured, exact in room.pairs():
-            T_world_camera = T_world_base @ T_base_camera
+        for number, T_world_base in enumerate(T_world_bases):
+            measured, T_world_camera = room.measured(number), T_world_base @ T_base_camera
             drawing.cells(measured, T_world_camera)
             seen, cpu_ms = measure_cpu_ms(partial(drawing.cells, measured, T_world_camera))
             frames.append((seen, T_world_camera))
             times_ms.append(cpu_ms)
-            truth.add(points_in_base(exact, T_base_camera), T_world_base, height_m + 0.15)
+            points = points_in_base(room.exact(number), T_base_camera)
+            truth.add(points, T_world_base, height_m + 0.15)
         result = drawing.render(frames)
         figures = truth.compare(result, room.solids, height_m + 0.15)
         many = -(-REPEATED_KEYFRAMES // len(frames))
@@ -320,17 +314,14 @@ def compare_poses(
     motion, T_base_camera = RoundTrip(height_m, down_deg), mounted(height_m, down_deg)
     fast = replace(SyntheticConfig.fast(), seed=ROOM_SEED, loop=False, rate_hz=DRIVE_RATE_HZ)
     config = replace(fast, duration_s=motion.duration_s)
-    room = RoomModel.build(config, motion, 1)
-    renderer = Renderer(config, motion, room)
-    exact_config = _without_noise(config)
-    exact = Renderer(exact_config, motion, room)
+    room = VirtualRoom(config, motion)
     mapper = GridMapper(ScanConfig(), T_base_camera, RESOLUTION_M, RANGE_MAX_M)
     recorders, truth = (GridRecorder(mapper), GridRecorder(mapper)), TrueCells()
     odometry = METHODS[DEFAULT_METHOD](MethodConfig(), CpuStageTimer())
     T_world_odom, errors_m = np.eye(4), []
     frames = (
         make_frame(config, seq, seq / DRIVE_RATE_HZ, images)
-        for seq, images in enumerate(prefetch(renderer.render, config.frame_count))
+        for seq, images in enumerate(prefetch(room.renderer.render, config.frame_count))
     )
     for update, _ in track_each(odometry, frames, OdomFrame(T_base_camera, True)):
         T_true = motion.poses(np.array([update.stamp_s]))[0]
@@ -342,8 +333,7 @@ def compare_poses(
         for recorder, T_world_camera in zip(recorders, (T_true, T_estimated), strict=True):
             recorder.on_update(replace(update, T_odom_camera=T_world_camera))
         if update.seq % FRAME_STEP == 0:
-            depth = exact.render_depth(update.seq)
-            points = points_in_base(_frame(exact_config, depth), T_base_camera)
+            points = points_in_base(room.exact(update.seq), T_base_camera)
             truth.add(points, T_true @ inverse(T_base_camera), height_m + 0.15)
     figures: list[tuple[float, ...]] = [
         truth.compare(recorder.render(), room.solids, height_m + 0.15) for recorder in recorders

@@ -176,11 +176,9 @@ class ServiceVolume(TsdfVolume):
         super().__init__(TsdfConfig(voxel_m=voxel_m, memory_mb=MEMORY_MB))
 
     def add(self, frame: RgbdFrame, T_world_camera: Array) -> None:
-        """See `FusionVolume`."""
         self.integrate(frame.depth_m, frame.color_bgr, frame.camera, T_world_camera)
 
     def points_m(self) -> Array:
-        """See `FusionVolume`."""
         return self.extract_mesh().vertices_m.astype(np.float64)
 
 
@@ -221,13 +219,11 @@ class OpenCvHashVolume(OpenCvVolume):
         self._poses: list[Array] = []
 
     def add(self, frame: RgbdFrame, T_world_camera: Array) -> None:
-        """See `FusionVolume`."""
         depth = frame.depth_raw.astype(np.float32)
         self.get_volume(frame).integrate(depth, T_world_camera.astype(np.float32))
         self._poses.append(T_world_camera)
 
     def points_m(self) -> Array:
-        """See `FusionVolume`."""
         return np.vstack([self._raycast_points_m(T) for T in self._poses[::RAYCAST_EVERY]])
 
     def _raycast_points_m(self, T_world_camera: Array) -> Array:
@@ -249,7 +245,6 @@ class OpenCvDenseVolume(OpenCvVolume):
         self._settings.setVolumePose(rigid_transform(np.eye(3), corner_m).astype(np.float32))
 
     def add(self, frame: RgbdFrame, T_world_camera: Array) -> None:
-        """See `FusionVolume`."""
         depth = frame.depth_raw.astype(np.float32)
         # The binding only accepts four float channels.
         color = cv2.cvtColor(frame.color_bgr, cv2.COLOR_BGR2BGRA).astype(np.float32)
@@ -257,7 +252,6 @@ class OpenCvDenseVolume(OpenCvVolume):
         self.get_volume(frame).integrateColor(depth, color, pose)
 
     def points_m(self) -> Array:
-        """See `FusionVolume`."""
         assert self._volume is not None, "call add first"
         points = self._volume.fetchPointsNormalsColors()[0]
         return np.asarray(points.reshape(-1, points.shape[-1])[:, :3], np.float64)

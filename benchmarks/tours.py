@@ -24,7 +24,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.harness import Json, Table, measure_cpu_ms, option
+from benchmarks.harness import Table, measure_cpu_ms, option
 from benchmarks.plots import Line, save_panels
 from benchmarks.processes import memory_mb
 from benchmarks.rendered_sequences import THREADS, make_frame, prefetch
@@ -209,16 +209,6 @@ class LoopClosureRunner:
         return np.array(stamps_s).reshape(-1, 2), motions.reshape(-1, 4, 4)
 
 
-def format_row(name: str, result: Json) -> str:
-    """The line of the table."""
-    times = ("{:.2f} {:.2f}".format(*result[part]) for part in ("cpu_ms", "loop_closure_ms"))
-    memory = "{:.0f} {:.0f}".format(*result["memory_mb"])
-    counts = (result[each] for each in ("frames", "coverage_percent", "epochs", "gross"))
-    errors_m = (result["ate_m"], result["ate_optimized_m"])
-    loops = (result["loop_closures"], result["wrong_loop_closures"])
-    return TABLE.row(name, *counts, *errors_m, *loops, *times, memory)
-
-
 def run_tour(
     runner: LoopClosureRunner,
     frames: Iterable[RgbdFrame],
@@ -251,24 +241,24 @@ def run_tour(
     )
 
 
-def summarize(record: TourRecord) -> Json:
-    """Compute the figures of a tour; pairs are those of the first and of the last minute."""
+def measure(record: TourRecord) -> tuple[float | str | None, ...]:
+    """The cells of a tour's row; pairs are those of the first and of the last minute."""
     steps = match_steps(record.trajectory, record.truth, record.epoch[record.has_pose])
     poses = evaluate_poses(record.trajectory, record.truth)
     optimized = evaluate_poses(record.optimized, record.truth)
-    return {
-        "frames": len(record.has_pose),
-        "coverage_percent": 100.0 * float(record.has_pose.mean()),
-        "epochs": int(record.epoch[-1]),
-        "gross": count_gross_errors(*steps) if steps else 0,
-        "ate_m": poses and poses.ate_rmse_m,
-        "ate_optimized_m": optimized and optimized.ate_rmse_m,
-        "loop_closures": len(record.loop_stamps_s),
-        "wrong_loop_closures": record.wrong_loop_closures,
-        "cpu_ms": _first_and_last(record.cpu_ms, record.stamp_s),
-        "loop_closure_ms": _first_and_last(record.loop_closure_ms, record.stamp_s),
-        "memory_mb": _first_and_last(record.memory_mb, record.stamp_s),
-    }
+    return (
+        len(record.has_pose),
+        100.0 * float(record.has_pose.mean()),
+        int(record.epoch[-1]),
+        count_gross_errors(*steps) if steps else 0,
+        None if poses is None else poses.ate_rmse_m,
+        None if optimized is None else optimized.ate_rmse_m,
+        len(record.loop_stamps_s),
+        record.wrong_loop_closures,
+        "{:.2f} {:.2f}".format(*_first_and_last(record.cpu_ms, record.stamp_s)),
+        "{:.2f} {:.2f}".format(*_first_and_last(record.loop_closure_ms, record.stamp_s)),
+        "{:.0f} {:.0f}".format(*_first_and_last(record.memory_mb, record.stamp_s)),
+    )
 
 
 def _first_and_last(values: Array, stamps_s: Array) -> tuple[float, float]:
@@ -330,7 +320,7 @@ def main(args: argparse.Namespace) -> None:
         if not file.exists():
             record_tour(args.method, config, file)
         records[name] = TourRecord.load(file)
-        print(format_row(name, summarize(records[name])), flush=True)
+        print(TABLE.row(name, *measure(records[name])), flush=True)
     if args.plot:
         save_plot(records, args.plot)
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import cv2
 import numpy as np
@@ -55,21 +55,13 @@ MAX_ITERATIONS, ATTEMPTS = 100, 3
 Result = TypeVar("Result")
 
 
-@dataclass(frozen=True)
-class PosedView:
-    """A frame with the pose and velocity of the camera.
+class PosedView(NamedTuple):
+    """A frame with the pose and velocity of the camera."""
 
-    Attributes:
-        scene: Room or recording; poses of two scenes cannot be compared.
-        frame: The frame.
-        T_world_camera: Pose of the camera (4, 4) in the scene.
-        velocity: (6,) twist of the camera in its own axes, m/s and rad/s.
-    """
-
-    scene: str
+    scene: str  # room or recording; poses of two scenes cannot be compared
     frame: RgbdFrame
     T_world_camera: Array
-    velocity: Array
+    velocity: Array  # (6,) twist of the camera in its own axes, m/s and rad/s
 
 
 def views_of_room(seed: int) -> Iterator[PosedView]:

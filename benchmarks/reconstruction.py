@@ -182,32 +182,23 @@ class ServiceVolume(TsdfVolume):
         return self.extract_mesh().vertices_m.astype(np.float64)
 
 
-class OpenCvVolume:
-    """Base of OpenCV's volumes."""
-
-    def __init__(self, kind: int, voxel_m: float) -> None:
-        self._settings = cv2.VolumeSettings(kind)
-        self._settings.setVoxelSize(voxel_m)
-        self._settings.setTsdfTruncateDistance(TRUNCATION_VOXELS * voxel_m)
-        self._settings.setMaxDepth(MAX_DEPTH_M)
-        self._kind = kind
-        self._volume: cv2.Volume | None = None
-
-    def get_volume(self, frame: RgbdFrame) -> cv2.Volume:
-        """Return the volume; create it for the first frame's camera and depth format."""
-        if self._volume is None:
-            self._settings.setDepthFactor(frame.depth_factor)
-            self._settings.setIntegrateWidth(frame.camera.width)
-            self._settings.setIntegrateHeight(frame.camera.height)
-            self._settings.setCameraIntegrateIntrinsics(frame.camera.K.astype(np.float32))
-            self._settings.setRaycastWidth(frame.camera.width)
-            self._settings.setRaycastHeight(frame.camera.height)
-            self._settings.setCameraRaycastIntrinsics(frame.camera.K.astype(np.float32))
-            self._volume = cv2.Volume(self._kind, self._settings)
-        return self._volume
+def make_settings(kind: int, voxel_m: float) -> cv2.VolumeSettings:
+    """Make the settings of an OpenCV volume for frames of the virtual Kinect."""
+    settings, config = cv2.VolumeSettings(kind), SyntheticConfig()
+    settings.setVoxelSize(voxel_m)
+    settings.setTsdfTruncateDistance(TRUNCATION_VOXELS * voxel_m)
+    settings.setMaxDepth(MAX_DEPTH_M)
+    settings.setDepthFactor(config.depth_factor)
+    settings.setIntegrateWidth(config.camera.width)
+    settings.setIntegrateHeight(config.camera.height)
+    settings.setCameraIntegrateIntrinsics(config.camera.K.astype(np.float32))
+    settings.setRaycastWidth(config.camera.width)
+    settings.setRaycastHeight(config.camera.height)
+    settings.setCameraRaycastIntrinsics(config.camera.K.astype(np.float32))
+    return settings
 
 
-class OpenCvHashVolume(OpenCvVolume):
+class OpenCvHashVolume:
     """OpenCV's sparse volume: points without colors, no triangles.
 
     `fetchPointsNormals` returns every voxel near the surface (opencv/opencv issue 22896), so the
@@ -215,44 +206,44 @@ class OpenCvHashVolume(OpenCvVolume):
     """
 
     def __init__(self, voxel_m: float) -> None:
-        super().__init__(cv2.VolumeType_HashTSDF, voxel_m)
+        kind = cv2.VolumeType_HashTSDF
+        self._volume = cv2.Volume(kind, make_settings(kind, voxel_m))
         self._poses: list[Array] = []
 
     def add(self, frame: RgbdFrame, T_world_camera: Array) -> None:
         depth = frame.depth_raw.astype(np.float32)
-        self.get_volume(frame).integrate(depth, T_world_camera.astype(np.float32))
+        self._volume.integrate(depth, T_world_camera.astype(np.float32))
         self._poses.append(T_world_camera)
 
     def points_m(self) -> Array:
         return np.vstack([self._raycast_points_m(T) for T in self._poses[::RAYCAST_EVERY]])
 
     def _raycast_points_m(self, T_world_camera: Array) -> Array:
-        assert self._volume is not None, "call add first"
         points, *_ = self._volume.raycast(T_world_camera.astype(np.float32))
         points_m = np.asarray(points.reshape(-1, points.shape[-1])[:, :3], np.float64)
         met = np.all(np.isfinite(points_m), axis=1)
         return transform_points(T_world_camera, points_m[met])
 
 
-class OpenCvDenseVolume(OpenCvVolume):
+class OpenCvDenseVolume:
     """OpenCV's dense volume: a fixed box; points with colors, no triangles."""
 
     def __init__(self, voxel_m: float) -> None:
-        super().__init__(cv2.VolumeType_ColorTSDF, voxel_m)
+        kind = cv2.VolumeType_ColorTSDF
+        settings = make_settings(kind, voxel_m)
         resolution = np.array([round(side / voxel_m) for side in BOX_M], np.int32)
-        self._settings.setVolumeResolution(resolution)
+        settings.setVolumeResolution(resolution)
         corner_m = [-BOX_M[0] / 2, -BOX_M[1] / 2, -0.2]
-        self._settings.setVolumePose(rigid_transform(np.eye(3), corner_m).astype(np.float32))
+        settings.setVolumePose(rigid_transform(np.eye(3), corner_m).astype(np.float32))
+        self._volume = cv2.Volume(kind, settings)
 
     def add(self, frame: RgbdFrame, T_world_camera: Array) -> None:
         depth = frame.depth_raw.astype(np.float32)
         # The binding only accepts four float channels.
         color = cv2.cvtColor(frame.color_bgr, cv2.COLOR_BGR2BGRA).astype(np.float32)
-        pose = T_world_camera.astype(np.float32)
-        self.get_volume(frame).integrateColor(depth, color, pose)
+        self._volume.integrateColor(depth, color, T_world_camera.astype(np.float32))
 
     def points_m(self) -> Array:
-        assert self._volume is not None, "call add first"
         points = self._volume.fetchPointsNormalsColors()[0]
         return np.asarray(points.reshape(-1, points.shape[-1])[:, :3], np.float64)
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.harness import option
-from drivers.camera import Clock, FrameTimeout, Led, PlaybackMode, RgbdFrame, SensorConfig
+from drivers.camera import Clock, FrameTimeout, Led, PlaybackMode, SensorConfig
 from drivers.core import UserFacingError
 from drivers.core.geometry import Array
 from drivers.freenect.camera import make_kinect_camera
@@ -83,16 +83,13 @@ def exposed_fraction(middles_s: Array, exposure_s: float, switched_s: Array) -> 
         exposure_s: Length of an exposure, s.
         switched_s: Times at which the LED was switched, first on, s.
     """
-    begin, end = middles_s - exposure_s / 2, middles_s + exposure_s / 2
-    return (_cumulative_on_s(end, switched_s) - _cumulative_on_s(begin, switched_s)) / exposure_s
-
-
-def _cumulative_on_s(until_s: Array, switched_s: Array) -> Array:
-    """Seconds that the LED was on before each time."""
-    is_on = np.arange(len(switched_s)) % 2 == 0
-    spans_s = np.diff(switched_s, append=np.inf) * 1.0
-    since_s = np.clip(until_s[:, None] - switched_s[None, :], 0.0, spans_s[None, :])
-    return np.asarray((since_s * is_on).sum(axis=1))
+    # The last state lasts until the end.
+    marks_s = np.append(switched_s, max(middles_s.max(), switched_s[-1]) + exposure_s)
+    spans_s = np.diff(marks_s) * (np.arange(len(switched_s)) % 2 == 0)
+    on_s = np.concatenate([[0.0], np.cumsum(spans_s)])
+    begins_s, ends_s = middles_s - exposure_s / 2, middles_s + exposure_s / 2
+    lit_s = np.interp(ends_s, marks_s, on_s) - np.interp(begins_s, marks_s, on_s)
+    return np.asarray(lit_s / exposure_s)
 
 
 def _explained_variance(lit: Array, brightness: Array) -> Array:
@@ -136,45 +133,7 @@ def measure_stamp(args: argparse.Namespace) -> int:
     the LED is not visible. Remove stamp_offset_s from the configuration first: the printed figure
     is its value.
     """
-    return report_stamp(record_led(args.serial, args.seconds))
-
-
-@dataclass
-class LedObservations:
-    """Small gray images with their stamps, and the times of the switches."""
-
-    stamps_s: list[float]
-    pictures: list[NDArray[np.uint8]]
-    switched_s: list[float]
-
-    def add(self, frame: RgbdFrame) -> None:
-        """Add the small image and the stamp of a frame."""
-        self.stamps_s.append(frame.stamp_s)
-        self.pictures.append(frame.gray[::PIXEL_STRIDE, ::PIXEL_STRIDE].copy())
-
-
-def record_led(serial: str, seconds: float) -> LedObservations:
-    """Record frames for `seconds` while the LED is switched; the first switch is to on."""
-    recipe = partial(make_kinect_camera, serial, SensorConfig(led=Led.OFF), None)
-    camera = SubprocessCamera("freenect", Clock.MONOTONIC, recipe, PlaybackMode.LOCKSTEP)
-    observations = LedObservations([], [], [])
-    with camera, closing(KinectMotorUnit()) as base:
-        try:
-            observations.add(camera.read(FIRST_FRAME_TIMEOUT_S))
-            base.open(serial)
-            with blinking(lambda is_on: base.set_led(Led.GREEN if is_on else Led.OFF)) as times_s:
-                while observations.stamps_s[-1] - observations.stamps_s[0] < seconds:
-                    observations.add(camera.read(FIRST_FRAME_TIMEOUT_S))
-            observations.switched_s.extend(times_s)
-        except FrameTimeout:
-            raise UserFacingError(f"no frame: {camera.status}") from None
-    return observations
-
-
-def report_stamp(observations: LedObservations) -> int:
-    """Print the delay; return 1 if the LED is not visible."""
-    stamps_s, switched_s = np.array(observations.stamps_s), np.array(observations.switched_s)
-    pictures = np.array(observations.pictures)
+    stamps_s, pictures, switched_s = record_led(args.serial, args.seconds)
     is_on = np.searchsorted(switched_s, stamps_s) % 2 == 1
     brightness = pictures[:, find_lit_pixels(pictures, is_on)].mean(axis=1)
     timing = fit_timing(stamps_s, brightness, switched_s)
@@ -186,3 +145,30 @@ def report_stamp(observations: LedObservations) -> int:
     print(f"exposure           {1e3 * timing.exposure_s:.0f} ms")
     print(f"stamp_offset_s     {timing.delay_s:.4f}  (middle of the exposure minus stamp)")
     return 0
+
+
+def record_led(serial: str, seconds: float) -> tuple[Array, NDArray[np.uint8], Array]:
+    """Record frames for `seconds` while the LED is switched; the first switch is to on.
+
+    Returns:
+        Stamps (n,), small gray images (n, height, width), and times of the switches (m,).
+    """
+    recipe = partial(make_kinect_camera, serial, SensorConfig(led=Led.OFF), None)
+    camera = SubprocessCamera("freenect", Clock.MONOTONIC, recipe, PlaybackMode.LOCKSTEP)
+    stamps_s, pictures = [], []
+
+    def record() -> None:
+        frame = camera.read(FIRST_FRAME_TIMEOUT_S)
+        stamps_s.append(frame.stamp_s)
+        pictures.append(frame.gray[::PIXEL_STRIDE, ::PIXEL_STRIDE].copy())
+
+    with camera, closing(KinectMotorUnit()) as base:
+        try:
+            record()
+            base.open(serial)
+            with blinking(lambda is_on: base.set_led(Led.GREEN if is_on else Led.OFF)) as times_s:
+                while stamps_s[-1] - stamps_s[0] < seconds:
+                    record()
+        except FrameTimeout:
+            raise UserFacingError(f"no frame: {camera.status}") from None
+    return np.array(stamps_s), np.array(pictures), np.array(times_s)

@@ -26,10 +26,10 @@ from benchmarks.boot_container import (
     RENDER_TIMEOUT_S,
     UNIT,
     BootedComputer,
-    BootListener,
+    PoseCounter,
     bootstrap_tree,
+    counting_poses,
     running_container,
-    running_listener,
     unsupported_reason,
     wait_for,
 )
@@ -75,7 +75,9 @@ def check_install(computer: BootedComputer) -> str:
 def check_watchdog_without_camera(computer: BootedComputer) -> str:
     """The watchdog does not restart a service without a camera (the room is being rendered)."""
     time.sleep(2 * WATCHDOG_S)
-    assert computer.listener.status["state"] == "no_camera", computer.listener.status["state"]
+    with computer.client() as client:
+        state = client.status()["state"]
+    assert state == "no_camera", state
     assert computer.unit_property("NRestarts") == "0"
     return computer.unit_property("StatusText")
 
@@ -83,7 +85,7 @@ def check_watchdog_without_camera(computer: BootedComputer) -> str:
 def check_poses_published(computer: BootedComputer) -> str:
     """Poses are published; without a quota, so that the room is rendered sooner."""
     computer.set_cpu_quota("")
-    taken_s = computer.listener.wait_for_poses(100, RENDER_TIMEOUT_S)
+    taken_s = computer.counter.wait_for_poses(100, RENDER_TIMEOUT_S)
     assert computer.unit_property("NRestarts") == "0"
     return f"100 poses after {taken_s:.0f} s; {computer.unit_property('StatusText')}"
 
@@ -92,19 +94,20 @@ def check_poses_on_slow_board(computer: BootedComputer) -> str:
     """At 60 % CPU the pose rate is high enough."""
     computer.set_cpu_quota("60%")
     time.sleep(10.0)
-    rate = computer.listener.measure_pose_rate(20.0)
+    rate = computer.counter.measure_pose_rate(20.0)
     assert rate >= MIN_POSES_PER_S, f"{rate:.1f} poses a second"
     return f"{rate:.1f} poses a second"
 
 
 def check_watchdog_while_paused(computer: BootedComputer) -> str:
     """The watchdog does not restart a paused service."""
-    computer.listener.send_command("pause")
-    time.sleep(1.0)
-    rate = computer.listener.measure_pose_rate(2 * WATCHDOG_S)
-    status_text = computer.unit_property("StatusText")
-    computer.listener.send_command("resume")
-    computer.listener.wait_for_poses(30, RECOVERY_TIMEOUT_S)
+    with computer.client() as client:
+        client.command("pause")
+        time.sleep(1.0)
+        rate = computer.counter.measure_pose_rate(2 * WATCHDOG_S)
+        status_text = computer.unit_property("StatusText")
+        client.command("resume")
+    computer.counter.wait_for_poses(30, RECOVERY_TIMEOUT_S)
     assert rate == 0.0, f"{rate} poses a second while paused"
     assert computer.unit_property("NRestarts") == "0"
     return status_text
@@ -122,7 +125,7 @@ def check_reload_of_invalid_config(computer: BootedComputer) -> str:
     computer.systemctl("reload", UNIT)
     wait_for(lambda: "loud" not in read_status(), 20.0, "the end of the error")
     assert computer.unit_property("MainPID") == main
-    computer.listener.wait_for_poses(30, RECOVERY_TIMEOUT_S)
+    computer.counter.wait_for_poses(30, RECOVERY_TIMEOUT_S)
     return status_text
 
 
@@ -176,7 +179,7 @@ def _recovery_after_signal(computer: BootedComputer, signal: str, results: str) 
     computer.container.shell(f"kill -{signal} {main}")
     begin_s = time.monotonic()
     wait_for(lambda: int(computer.unit_property("NRestarts")) > restarts, 60.0, "a restart")
-    computer.listener.wait_for_poses(30, RECOVERY_TIMEOUT_S)
+    computer.counter.wait_for_poses(30, RECOVERY_TIMEOUT_S)
     taken_s = time.monotonic() - begin_s
     messages = [
         e["MESSAGE"] for e in computer.journal_entries() if "Failed with result" in e["MESSAGE"]
@@ -208,7 +211,7 @@ FIRST_BOOT: tuple[Callable[[BootedComputer], str], ...] = (
 
 def check_starts_at_boot(computer: BootedComputer) -> str:
     """The service starts at boot."""
-    taken_s = computer.listener.wait_for_poses(30, RENDER_TIMEOUT_S)
+    taken_s = computer.counter.wait_for_poses(30, RENDER_TIMEOUT_S)
     return f"poses {taken_s:.0f} s after the boot"
 
 
@@ -218,7 +221,7 @@ def check_reinstall_does_not_restart(computer: BootedComputer) -> str:
     output = computer.kinect_vo("service", "install")
     changed = [line for line in output.splitlines() if line.endswith(": written")]
     assert (computer.unit_property("MainPID") == main) == (not changed), f"restarted: {changed}"
-    computer.listener.wait_for_poses(30, RENDER_TIMEOUT_S)
+    computer.counter.wait_for_poses(30, RENDER_TIMEOUT_S)
     return f"changed: {', '.join(changed) or 'nothing'}"
 
 
@@ -231,9 +234,9 @@ def check_named_instance(computer: BootedComputer) -> str:
         "cp -a /var/cache/private/kinect-vo /var/cache/private/kinect-vo-front"
     )
     computer.kinect_vo("service", "install", "--name", "front", "--enable")
-    with running_listener(port, "front") as listener:
-        taken_s = listener.wait_for_poses(30, RENDER_TIMEOUT_S)
-    computer.listener.wait_for_poses(30, RENDER_TIMEOUT_S)
+    with counting_poses(port, "front") as counter:
+        taken_s = counter.wait_for_poses(30, RENDER_TIMEOUT_S)
+    computer.counter.wait_for_poses(30, RENDER_TIMEOUT_S)
     computer.systemctl("disable", "--now", "kinect-vo@front")
     return f"poses on front/odom after {taken_s:.0f} s, and still on kinect/odom"
 
@@ -251,7 +254,7 @@ def check_tls_access(computer: BootedComputer) -> str:
         for name in KEYS:
             profile = profile.replace(f'"{name}"', f'"{keys / "reader" / name}"')
         with zenoh.open(zenoh.Config.from_json5(profile)) as session:
-            taken_s = BootListener(session, "kinect").wait_for_poses(30, RENDER_TIMEOUT_S)
+            taken_s = PoseCounter(session, "kinect").wait_for_poses(30, RENDER_TIMEOUT_S)
     return f"poses over TLS after {taken_s:.0f} s"
 
 
@@ -283,7 +286,7 @@ def check_replay_unit(computer: BootedComputer) -> str:
     computer.systemctl("start", "kinect-vo-replay@room")
     live = computer.unit_property("ActiveState")
     assert live == "inactive", f"the live service is {live}"
-    taken_s = computer.listener.wait_for_poses(100, RENDER_TIMEOUT_S)
+    taken_s = computer.counter.wait_for_poses(100, RENDER_TIMEOUT_S)
     state = computer.container.run("systemctl", "is-active", "kinect-vo-replay@room").strip()
     computer.systemctl("start", UNIT)
     after = computer.container.run("systemctl", "is-active", "kinect-vo-replay@room").strip()
@@ -359,8 +362,8 @@ def main(args: argparse.Namespace) -> int:
 def _run(tree: Path, port: int, checks: Sequence[Callable[[BootedComputer], str]]) -> int:
     """Boot and run checks; return the number that fail."""
     log = tree.with_name(f"{tree.name}.log")
-    with running_container(tree, [CHECKOUT], log) as container, running_listener(port) as listener:
-        computer = BootedComputer(container, tree, str(COMMAND), listener, port)
+    with running_container(tree, [CHECKOUT], log) as container, counting_poses(port) as counter:
+        computer = BootedComputer(container, tree, str(COMMAND), counter, port)
         return sum(not _run_check(check, computer) for check in checks)
 
 

@@ -7,13 +7,16 @@ import shutil
 import signal
 import subprocess
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import zenoh
+
+from vo_service import PoseClient
+from vo_service.config_tables import ZenohConfig
+from vo_service.outputs.zenoh.session import open_session
 
 SUITE = "bookworm"
 PACKAGES = (
@@ -33,8 +36,6 @@ for controller in cpu cpuacct memory pids devices; do
 done
 exec /lib/systemd/systemd
 """
-SETTINGS = """{{mode: "peer", connect: {{endpoints: ["tcp/127.0.0.1:{port}"]}},
-    listen: {{endpoints: []}}, scouting: {{multicast: {{enabled: false}}}}}}"""
 UNIT = "kinect-vo.service"
 RECOVERY_TIMEOUT_S = 120.0
 # Kernels are compiled at 30 % of a processor.
@@ -213,50 +214,34 @@ def _remove_cgroup(group: Path) -> None:
         group.rmdir()
 
 
-class BootListener:
-    """Counts poses and stores the last status."""
+class PoseCounter:
+    """Counts the poses of a service."""
 
     def __init__(self, session: zenoh.Session, prefix: str) -> None:
-        self.poses = 0
-        self.status: Mapping[str, Any] = {}
-        self._session, self._prefix = session, prefix
-        self._subscribers = [
-            session.declare_subscriber(f"{prefix}/odom", self._on_pose),
-            session.declare_subscriber(f"{prefix}/status", self._on_status),
-        ]
+        self._count = 0
+        self._subscriber = session.declare_subscriber(f"{prefix}/odom", self._on_pose)
 
     def wait_for_poses(self, count: int, limit_s: float) -> float:
         """Wait for `count` more poses; return the seconds. Raises AssertionError when too late."""
-        before = self.poses
-        return wait_for(lambda: self.poses >= before + count, limit_s, f"{count} poses")
+        before = self._count
+        return wait_for(lambda: self._count >= before + count, limit_s, f"{count} poses")
 
     def measure_pose_rate(self, seconds: float) -> float:
         """Measure the poses per second over `seconds`."""
-        before = self.poses
+        before = self._count
         time.sleep(seconds)
-        return (self.poses - before) / seconds
-
-    def send_command(self, name: str) -> str:
-        """Send the service a command and return its reply."""
-        replies = self._session.get(f"{self._prefix}/command/{name}", payload=b"{}", timeout=5.0)
-        for reply in replies:
-            result = reply.ok
-            assert result is not None, f"{name} was refused: {reply.err and reply.err.payload}"
-            return result.payload.to_string()
-        raise AssertionError(f"no reply to {name}")
+        return (self._count - before) / seconds
 
     def _on_pose(self, sample: zenoh.Sample) -> None:
-        self.poses += 1
-
-    def _on_status(self, sample: zenoh.Sample) -> None:
-        self.status = json.loads(sample.payload.to_bytes())
+        self._count += 1
 
 
 @contextmanager
-def running_listener(port: int, prefix: str = "kinect") -> Iterator[BootListener]:
-    """Open a listener for the service on a port of this computer."""
-    with zenoh.open(zenoh.Config.from_json5(SETTINGS.format(port=port))) as session:
-        yield BootListener(session, prefix)
+def counting_poses(port: int, prefix: str = "kinect") -> Iterator[PoseCounter]:
+    """Count the poses of the service on a port of this computer."""
+    config = ZenohConfig(listen=(), connect=(f"tcp/127.0.0.1:{port}",))
+    with open_session(config) as session:
+        yield PoseCounter(session, prefix)
 
 
 @dataclass(frozen=True)
@@ -267,15 +252,19 @@ class BootedComputer:
         container: The running container.
         tree: Its file system.
         command: The `kinect-vo` of the checkout.
-        listener: A subscriber outside the container.
+        counter: A subscriber outside the container.
         port: Port of the service.
     """
 
     container: Container
     tree: Path
     command: str
-    listener: BootListener
+    counter: PoseCounter
     port: int
+
+    def client(self) -> PoseClient:
+        """A client outside the container."""
+        return PoseClient(connect=f"tcp/127.0.0.1:{self.port}")
 
     def kinect_vo(self, *arguments: str) -> str:
         """Run the checkout's command; return its output. Raises AssertionError if it fails."""
@@ -301,7 +290,7 @@ class BootedComputer:
         (folder / "kinect.toml").write_text(self.config_text(level))
 
     def config_text(self, level: str = "info") -> str:
-        """Configuration of the synthetic camera on the listener's port."""
+        """Configuration of the synthetic camera on the port."""
         return CONFIG.format(port=self.port, level=level)
 
     def journal_entries(self, unit: str = UNIT) -> list[dict[str, str]]:

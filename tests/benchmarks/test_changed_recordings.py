@@ -1,6 +1,5 @@
 """Changes of a recording: tiny, wrong and corrupted, and the tables of their errors."""
 
-import json
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -63,17 +62,11 @@ def test_a_perturbed_run_without_error_has_no_ratio() -> None:
 
 @pytest.mark.slow
 @pytest.mark.subprocess
-def test_finished_runs_are_stored_and_not_repeated(recording: Path, tmp_path: Path) -> None:
+def test_tiny_changes_of_a_recording_are_measured(recording: Path, tmp_path: Path) -> None:
     command = ("tiny", str(tmp_path), str(recording), "--method", "surf", "--count", "2")
-    first = run(*command)
-    assert first.returncode == 0, first.stderr
-    assert float(rows(first.stdout)[3][1]) < 20.0
-    stored = json.loads((tmp_path / "results.json").read_text())
-    assert len(stored) == 3
-    for key in stored:
-        stored[key]["ate_m"] = 0.123
-    (tmp_path / "results.json").write_text(json.dumps(stored))
-    assert rows(run(*command).stdout)[3] == ["ATE", *["123.00"] * 4, "1.00"]
+    ended = run(*command)
+    assert ended.returncode == 0, ended.stderr
+    assert float(rows(ended.stdout)[3][1]) < 20.0
 
 
 @pytest.mark.slow

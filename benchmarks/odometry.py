@@ -2,7 +2,7 @@
 
     python -m benchmarks odometry judge KEPT RECORDINGS [--parts recordings sensors scenes]
     python -m benchmarks odometry ablation KEPT RECORDINGS [--only VARIANT...] [--set NAME=VALUE]
-    python -m benchmarks odometry budget FOLDER... [--method direct] [--every 1]
+    python -m benchmarks odometry budget FOLDER... [--method direct]
     python -m benchmarks odometry features FOLDER... [--methods SURF SIFT ORB]
     python -m benchmarks odometry surf FOLDER... [--frames 50] [--count 1000]
 
@@ -13,7 +13,6 @@ import argparse
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -128,7 +127,6 @@ class StageTiming:
 
 @FOLDERS
 @METHOD
-@option("--every", type=int, default=1, metavar="N", help="use every N-th frame")
 def measure_budget(args: argparse.Namespace) -> int:
     """CPU time of each stage of a method, compared with its budget.
 
@@ -136,13 +134,11 @@ def measure_budget(args: argparse.Namespace) -> int:
     The other figures are over the frames in which the stage ran. Exit code 1 if a mean exceeds its
     budget.
     """
-    if args.every < 1:
-        raise InputError(f"--every {args.every}: must be at least 1")
     warm_up(args.method, lambda stage: None)
     is_over = False
     for folder in args.folder:
         with open_frames(folder) as (frames, _):
-            tracked = track(args.method, islice(frames, None, None, args.every))
+            tracked = track(args.method, frames)
         stages = compare_with_budget(args.method, _with_whole_frame(tracked))
         print(folder, BUDGET_TABLE.head.replace(" " * 12, f"{'stage':12}", 1), sep="\n")
         print(*(spent.format_row(stage) for stage, spent in stages.items()), "", sep="\n")
@@ -228,15 +224,10 @@ def measure_features(args: argparse.Namespace) -> None:
     figures.
     """
     for folder in args.folder:
-        results = {name: measure_method(name, folder) for name in args.methods}
         print(f"{folder}\n{FEATURE_TABLE.head}")
-        print(*(FEATURE_TABLE.row(name, *each.cells) for name, each in results.items()), sep="\n")
-        if sift := results.pop("SIFT", None):
-            for name, result in results.items():
-                pairs = zip(result.cells[2:], sift.cells[2:], strict=True)
-                ratios = (f"{mine / other:.2f}" if mine and other else "-" for mine, other in pairs)
-                print(FEATURE_TABLE.row(f"{name}/SIFT", "", "", *ratios))
-        print(flush=True)
+        for name in args.methods:
+            print(FEATURE_TABLE.row(name, *measure_method(name, folder).cells), flush=True)
+        print()
 
 
 def measure_method(method: str, folder: Path) -> FeatureResult:

@@ -64,13 +64,9 @@ def test_a_stage_over_its_budget_is_exit_code_1(
     assert [line.split()[:2] for line in lines[2:4]] == [["images", "12"], ["align", "11"]]
 
 
-def test_every_nth_frame_within_its_budget_passes(
-    recording: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_stages_within_their_budget_pass(recording: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(stage_timers.STAGE_BUDGETS_MS, "direct", {"images": 1e6})
-    assert main(["odometry", "budget", str(recording), "--every", "4"]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[:2] for line in lines[2:4]] == [["images", "3"], ["align", "2"]]
+    assert main(["odometry", "budget", str(recording)]) == 0
 
 
 @pytest.mark.parametrize("method", FEATURE_METHODS)
@@ -92,10 +88,10 @@ def test_each_kind_of_features_is_measured(recording: Path, method: str) -> None
 
 
 @pytest.mark.subprocess
-def test_the_table_compares_with_sift(recording: Path) -> None:
+def test_the_table_has_a_row_for_each_kind(recording: Path) -> None:
     result = run("features", str(recording), "--methods", "SURF", "SIFT")
     first_words = [line.split()[0] for line in result.stdout.splitlines() if line]
-    assert first_words == [str(recording), "frames", "SURF", "SIFT", "SURF/SIFT"]
+    assert first_words == [str(recording), "frames", "SURF", "SIFT"]
 
 
 @pytest.mark.subprocess

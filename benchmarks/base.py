@@ -1,7 +1,4 @@
-"""Tracking of a base by camera, floor and wheels: before bare walls, with slip, with late stamps.
-
-python -m benchmarks base FOLDER [--scenes wall wall-drive] [--recordings RECORDING...]
-"""
+"""Tracking of a base by camera, floor and wheels: at bare walls, with slip, with late stamps."""
 
 import argparse
 from dataclasses import dataclass, replace

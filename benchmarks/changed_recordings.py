@@ -1,10 +1,5 @@
 """Accuracy on changed recordings: tiny changes, a wrong calibration, faults, and other sensors.
 
-    python -m benchmarks changed_recordings tiny KEPT FOLDER... [--count 20]
-    python -m benchmarks changed_recordings calibration FOLDER... [--method direct]
-    python -m benchmarks changed_recordings corrupted FOLDER...
-    python -m benchmarks changed_recordings sensors FOLDER...
-
 Each FOLDER is a TUM folder with ground truth. ATE RMSE, mean global error and RPE over a second are
 in millimeters.
 """

@@ -1,8 +1,5 @@
 """Consistency of a method's covariance: its errors compared with the covariance it reports.
 
-    python -m benchmarks covariance FOLDER... [--method direct]
-    python -m benchmarks covariance --rooms FOLDER [--seeds 101 102 ...]
-
 Each FOLDER is a TUM folder with an exact ground truth. --rooms renders five seconds for each seed
 and stores them in FOLDER; room, motion and sensor timing differ. "since" is the motion since the
 reference (for `direct` the keyframe). "step" is the motion since the previous frame, with the

@@ -1,7 +1,5 @@
 """A fleet on one router with TLS and access control: lost poses and latency.
 
-    python -m benchmarks fleet [--robots 20] [--seconds 60] [--processes 4]
-
 The robots are the service's own publishers, thirty poses per second each, each with its
 certificate, several to a process. The router is `kinect-vo router` with
 config/zenoh/fleet-router.json5, which has lines for each robot. One reader in a separate process

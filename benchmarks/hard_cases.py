@@ -1,8 +1,4 @@
-"""Tracking in hard cases of the virtual Kinect: difficult scenes, and standing still.
-
-python -m benchmarks hard_cases scenes FOLDER [--method direct] [--only dark wall]
-python -m benchmarks hard_cases still [--minutes 60] [--method direct]
-"""
+"""Tracking in hard cases of the virtual Kinect: difficult scenes, and standing still."""
 
 import argparse
 from collections.abc import Iterator, Sequence

@@ -1,9 +1,5 @@
 """The Kinect's driver: its processor time, its images through each camera, and its stamps.
 
-    python -m benchmarks kinect cost [--seconds 10] [--rounds 3]
-    python -m benchmarks kinect paths FOLDER [--frames N]
-    python -m benchmarks kinect stamp [--serial SERIAL] [--seconds 60]
-
 `cost` and `paths` use a simulated Kinect with the real libfreenect, `stamp` a real one.
 """
 

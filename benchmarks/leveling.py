@@ -1,7 +1,4 @@
-"""How level `odom` stays during an hour of simulated driving, with drift, accelerometer and floor.
-
-python -m benchmarks leveling [--minutes 60] [--seeds 3]
-"""
+"""How level `odom` stays in an hour of simulated driving, with drift, accelerometer and floor."""
 
 import argparse
 

@@ -1,7 +1,5 @@
 """Relocalization of a restarted robot in the map of an earlier session.
 
-    python -m benchmarks multi_session FOLDER [--seeds 1 2 3 4 5] [--starts 20]
-
 The first session is the first half of a tour of a minute; its map is saved to a file. In the second
 session the map is loaded and the odometry starts in the other half, which passes the same places on
 another path. There are --starts evenly spread starts of ten seconds at most. Each seed is another

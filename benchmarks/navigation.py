@@ -1,9 +1,4 @@
-"""Scan and occupancy grid of a robot in virtual rooms, against what a noise-free sensor measures.
-
-python -m benchmarks navigation scan          ranges from cameras of several heights and tilts
-python -m benchmarks navigation grid          the grid of a drive
-python -m benchmarks navigation poses         the same by estimated poses, against true ones
-"""
+"""Scan and occupancy grid of a robot in virtual rooms, against what a sensor without noise sees."""
 
 import argparse
 from dataclasses import replace

@@ -1,11 +1,5 @@
 """The odometry: its accuracy, an ablation, and CPU time by stage, with other features, of SURF.
 
-    python -m benchmarks odometry judge KEPT RECORDINGS [--parts recordings sensors scenes]
-    python -m benchmarks odometry ablation KEPT RECORDINGS [--only VARIANT...] [--set NAME=VALUE]
-    python -m benchmarks odometry budget FOLDER... [--method direct]
-    python -m benchmarks odometry features FOLDER... [--methods SURF SIFT ORB]
-    python -m benchmarks odometry surf FOLDER... [--frames 50] [--count 1000]
-
 Each FOLDER is a TUM folder. Times are CPU milliseconds of one thread, without decoding.
 """
 

@@ -1,10 +1,5 @@
 """Cost of the outputs of frames: Zenoh, a recording into MCAP, its encodings, the flight recorder.
 
-    python -m benchmarks outputs frames RECORDING [--seconds 20] [--case NAME]
-    python -m benchmarks outputs mcap RECORDING [--seconds 60]
-    python -m benchmarks outputs encodings RECORDING [--rounds 5]
-    python -m benchmarks outputs recorder [--seconds 15]
-
 Frames of RECORDING are sent from memory 30 times a second, without odometry. Times are
 milliseconds; CPU is per frame.
 """

@@ -1,8 +1,4 @@
-"""Place recognition: recall, accuracy, cost and false matches; and training of its vocabulary.
-
-python -m benchmarks place_recognition measure [--rooms 201 202 ...] [--recordings FOLDER...]
-python -m benchmarks place_recognition train FOLDER...
-"""
+"""Place recognition: recall, accuracy, cost and false matches; and training of its vocabulary."""
 
 import argparse
 import sys

@@ -1,8 +1,5 @@
 """Profiles of the odometry: cost and accuracy, and the service under the limits of a small board.
 
-    python -m benchmarks profiles recordings FOLDER... [--starts 3]
-    python -m benchmarks profiles board [--percent 40] [--memory-mb 1000] [--seconds 60]
-
 Each FOLDER is a TUM folder. Times are those of the processor.
 """
 

@@ -1,9 +1,5 @@
 """Distance of reconstructed surfaces of a virtual room from the true ones.
 
-    python -m benchmarks reconstruction poses [--seconds 20]
-    python -m benchmarks reconstruction maps CONFIG RECORDING MAP...
-    python -m benchmarks reconstruction volumes [--seconds 10]
-
 Distances are from every vertex or point to the nearest true surface, in millimeters. Times are CPU
 milliseconds of one thread, the median over the frames.
 """

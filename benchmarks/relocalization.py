@@ -1,7 +1,5 @@
 """Relocalization of a camera that is covered and then uncovered at another place.
 
-    python -m benchmarks relocalization FOLDER [--tries 100] [--seeds 1 2 3] [--unseen]
-
 In each trial the camera follows a tour for 20 s, is covered for 3 s, and is uncovered at a place
 that it saw before on another lap; with --unseen at a place that it did not see. View overlap is
 computed from true poses and measured depth. Each seed is another room. Its frames of a minute

@@ -1,8 +1,4 @@
-"""Rendered sequences of the virtual Kinect along recorded hand motions, and their realism.
-
-python -m benchmarks rendered_sequences render TRACKS OUTPUT [--seeds 11 12] [--timing ideal]
-python -m benchmarks rendered_sequences realism TRACK [--folder RECORDING]
-"""
+"""Rendered sequences of the virtual Kinect along recorded hand motions, and their realism."""
 
 import argparse
 import os

@@ -1,8 +1,5 @@
 """Run the commands of docs/results again, and write their figures into the data and the pages.
 
-    python -m benchmarks results KEPT [--data FOLDER] [--only WORD...] [--list]
-    python -m benchmarks results --pages
-
 Each page of docs/results has its figures in a JSON file beside it: for each result the command,
 the date, the commit, the machine and a table. The blocks of a page between the comments
 `result: NAME` and `end`, and the plots, are written from these data; `--pages` does only that.

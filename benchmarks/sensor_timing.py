@@ -1,9 +1,5 @@
 """The sensor's timing: errors while `direct` learns it, and accuracy of `calibrate --timing`.
 
-    python -m benchmarks sensor_timing learned FOLDER [--seeds 301 302 ...] [--seconds 20]
-    python -m benchmarks sensor_timing starts FOLDER RECORDING... [--at 0 30 60]
-    python -m benchmarks sensor_timing calibrated TRACKS OUTPUT [--only NAME ...]
-
 `learned` and `starts` store results in FOLDER/results.json, and the same command continues after an
 interruption. Remove results.json when the odometry has changed. ATE RMSE is in millimeters, timing
 in milliseconds.

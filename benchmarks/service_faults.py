@@ -1,9 +1,5 @@
 """The service in bad conditions: faults of camera and environment, and too little processor time.
 
-    python -m benchmarks service_faults camera
-    python -m benchmarks service_faults environment [--rounds 3]
-    python -m benchmarks service_faults slow [--percent 60 --percent 40] [--seconds 30] [--rounds 2]
-
 The real `kinect-vo run`, with a subscriber to its status and poses. "report" is from the beginning
 of a fault until the status names it, "recovery" from its end until the first pose, or until the
 warning ends. Both are in seconds, the slowest of all rounds.

@@ -1,8 +1,4 @@
-"""Latency of the service: from a frame to its pose, with disturbances, and with scan and grid.
-
-python -m benchmarks service_latency poses [--seconds 20] [--rounds 3] [--case NAME]
-python -m benchmarks service_latency navigation [--seconds 60] [--rounds 5]
-"""
+"""Latency of the service: from a frame to its pose, with disturbances, and with scan and grid."""
 
 import argparse
 import json

@@ -1,7 +1,4 @@
-"""From the start of a command to its first pose or picture.
-
-python -m benchmarks service_start RECORDING [--rounds 5] [--case NAME]
-"""
+"""From the start of a command to its first pose or picture."""
 
 import argparse
 import json

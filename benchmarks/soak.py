@@ -1,8 +1,5 @@
 """Soak tests of the whole service: growth of its resources, and lost frames of a Kinect.
 
-    python -m benchmarks soak service STATE.json [--frames 200000] [--rate 60] [--plot FILE.png]
-    python -m benchmarks soak kinect [--minutes 10] [--recording FOLDER]
-
 The real `kinect-vo run`, and a separate subscriber that receives every pose.
 """
 

@@ -1,7 +1,5 @@
 """Long tours of the virtual Kinect with revisited places: drift, loop closure, time and memory.
 
-    python -m benchmarks tours FOLDER [--seconds 600] [--seeds 1 2 3] [--twins] [--plot FILE]
-
 Each seed is another room and another tour. Frames are rendered on demand and not stored: that takes
 0.11 s of processor time per frame, or a quarter of an hour on two idle cores for ten minutes.
 FOLDER stores the arrays of each tour (stamps, truth, poses, milliseconds, memory) as .npz. Finished

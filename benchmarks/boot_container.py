@@ -293,7 +293,7 @@ class BootedComputer:
         """Configuration of the synthetic camera on the port."""
         return CONFIG.format(port=self.port, level=level)
 
-    def journal_entries(self, unit: str = UNIT) -> list[dict[str, str]]:
-        """Read the journal of a unit."""
-        lines = self.container.run("journalctl", "-u", unit, "-o", "json", "--no-pager")
+    def journal_entries(self) -> list[dict[str, str]]:
+        """Read the journal of the service."""
+        lines = self.container.run("journalctl", "-u", UNIT, "-o", "json", "--no-pager")
         return [json.loads(line) for line in lines.splitlines() if line.startswith("{")]

@@ -2,8 +2,7 @@
 
 import json
 import subprocess
-import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -32,12 +31,10 @@ class PipedProcess(subprocess.Popen[str]):
 
 
 @contextmanager
-def running_process(
-    *command: str | Path, environment: Mapping[str, str] | None = None
-) -> Iterator[PipedProcess]:
+def running_process(*command: str | Path) -> Iterator[PipedProcess]:
     """Run a process; kill it at the end."""
     pipe = subprocess.PIPE
-    with PipedProcess(command, stdin=pipe, stdout=pipe, env=environment, text=True) as process:
+    with PipedProcess(command, stdin=pipe, stdout=pipe, text=True) as process:
         try:
             yield process
         finally:
@@ -47,9 +44,3 @@ def running_process(
 def print_ready() -> None:
     """Tell the benchmark that this process is ready."""
     print("ready", flush=True)
-
-
-def end_with(result: object) -> None:
-    """Give the benchmark the result of this process."""
-    json.dump(result, sys.stdout)
-    print(flush=True)

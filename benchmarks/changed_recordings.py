@@ -12,15 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.corruptions import CORRUPTIONS, Corruption
-from benchmarks.harness import (
-    FOLDERS,
-    Json,
-    ResultCache,
-    Table,
-    Variants,
-    median,
-    option,
-)
+from benchmarks.harness import FOLDERS, Json, ResultCache, Table, Variants, median, option
 from benchmarks.other_sensors import make_other_sensors
 from benchmarks.tracking import (
     METHOD,

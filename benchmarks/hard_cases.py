@@ -32,11 +32,7 @@ from vo_service.odom_frame import OdomFrame
 from vo_service.odometry.registry import METHODS, MethodConfig
 from vo_service.odometry.stage_timers import CpuStageTimer
 from vo_service.odometry.warm_up import warm_up
-from vo_service.tools.evaluation.metrics import (
-    PosePairs,
-    associate,
-    count_gross_errors,
-)
+from vo_service.tools.evaluation.metrics import PosePairs, associate, count_gross_errors
 from vo_service.types.odometry_update import TrackingState
 
 SEQUENCES = Path(__file__).parents[1] / "config" / "sequences"

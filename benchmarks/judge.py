@@ -14,14 +14,7 @@ import numpy as np
 
 from benchmarks.changed_recordings import make_perturbation
 from benchmarks.hard_cases import SCENES, SLOW, evaluate_scene, read_scene
-from benchmarks.harness import (
-    Json,
-    ResultCache,
-    Table,
-    format_counts,
-    median,
-    median_figure,
-)
+from benchmarks.harness import Json, ResultCache, Table, format_counts, median, median_figure
 from benchmarks.rendered_sequences import render_all
 from benchmarks.sensor_timing import tell_exactly, tell_nothing
 from benchmarks.tracking import evaluate_accuracy, open_frames_with_truth, track

@@ -36,12 +36,7 @@ from tests.simulators.fakenect_dump import write_fakenect_dump
 from tests.simulators.fixtures import FRAME_COUNT, pattern_frame
 from tests.simulators.frame_sources import folder_frames, write_fitted_usb_frames
 from tests.simulators.freenect_probe import FreenectProbe, StreamCapture
-from tests.simulators.kinect_simulator import (
-    IDENTITY,
-    KinectSimulator,
-    LoopMode,
-    write_usb_frames,
-)
+from tests.simulators.kinect_simulator import IDENTITY, KinectSimulator, LoopMode, write_usb_frames
 from tests.simulators.oni_writer import frames_to_oni_images, write_oni
 from tests.vo_service.service_process import KINECT_VO
 from vo_service.tools.evaluation.evaluation import evaluate

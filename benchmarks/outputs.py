@@ -23,21 +23,8 @@ import cv2
 import numpy as np
 from mcap.writer import CompressionType
 
-from benchmarks.frame_sender import (
-    RATE_HZ,
-    WARM_UP_FRAMES,
-    load_frames,
-    make_update,
-    send_in_turn,
-)
-from benchmarks.harness import (
-    RECORDING,
-    Table,
-    Variants,
-    measure_cpu_ms,
-    option,
-    run_in_turn,
-)
+from benchmarks.frame_sender import RATE_HZ, WARM_UP_FRAMES, load_frames, make_update, send_in_turn
+from benchmarks.harness import RECORDING, Table, Variants, measure_cpu_ms, option, run_in_turn
 from benchmarks.processes import LoadMeter, memory_mb
 from benchmarks.subscriber import end_subscriber, running_subscriber, wall_clock_offset_s
 from drivers.bag.bag_writer import McapWriter

@@ -15,14 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.control_groups import ControlGroup, limit_processes
-from benchmarks.harness import (
-    FOLDERS,
-    Table,
-    Variants,
-    combine_runs,
-    option,
-    run_in_turn,
-)
+from benchmarks.harness import FOLDERS, Table, Variants, combine_runs, option, run_in_turn
 from benchmarks.processes import LoadMeter, descendants_of, memory_mb
 from benchmarks.streaming_service import streaming_service
 from benchmarks.tracking import Accuracy, evaluate_accuracy, open_frames_with_truth, track

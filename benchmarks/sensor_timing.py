@@ -17,15 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.harness import (
-    PROCESSES,
-    Json,
-    ResultCache,
-    Table,
-    Variants,
-    median,
-    option,
-)
+from benchmarks.harness import PROCESSES, Json, ResultCache, Table, Variants, median, option
 from benchmarks.rendered_sequences import VirtualRecording, render_all
 from benchmarks.tracking import TrackedSequence, open_frames, track_changed
 from drivers.calibration import UNKNOWN_TIMING, find_calibration

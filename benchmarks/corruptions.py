@@ -22,7 +22,7 @@ class SwingMotion:
     """A swing about the camera's own axes: to one side, back, and to the other side.
 
     Attributes:
-        furthest_rad: (3,) rotation vector of the largest deviation.
+        max_rotation_rad: (3,) rotation vector of the largest deviation.
     """
 
     max_rotation_rad: tuple[float, float, float]

@@ -189,7 +189,7 @@ class FeatureScore:
     """Scores of one image's features under one transform. Distances are pixels of the original.
 
     Attributes:
-        possible: Features that are inside both images: the smaller count of the two.
+        max_repeatable: Features that are inside both images: the smaller count of the two.
         repeated: Features repeated within 2 px at a scale within a factor of 1.5.
         matches: Matches that pass the ratio test.
         errors_px: (correct,) distances of the matches within 3 px of their true position.

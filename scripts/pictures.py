@@ -22,12 +22,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from vo_service.outputs.loopback_ports import LOOPBACK, probe_port
 from vo_service.outputs.rerun.scene import TRAJECTORY_COLOR
-from vo_service.outputs.rerun.sinks import LOOPBACK
 from vo_service.outputs.rerun.web_viewer_server import (
     WebViewerServer,
     no_telemetry_environment,
-    pick_free_port,
     rerun_binary,
     wait_for_port,
 )
@@ -135,7 +134,7 @@ def take_picture(page: str, picture: Path, home: Path, *options: str) -> None:
 
 def take_rerun_picture(recording: Path, picture: Path, page_time_ms: int, home: Path) -> None:
     """Serve the recording on loopback and render Rerun's web viewer."""
-    data_port, page_port = pick_free_port(), pick_free_port()
+    data_port, page_port = probe_port(), probe_port()
     command = [str(rerun_binary()), "--serve-grpc", "--bind", LOOPBACK, "--port", str(data_port)]
     data = subprocess.Popen([*command, str(recording)], env=no_telemetry_environment(home))
     options = [*WEBGL, "--window-size=1400,850", f"--virtual-time-budget={page_time_ms}"]

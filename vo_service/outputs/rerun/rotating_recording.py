@@ -1,6 +1,8 @@
 """Recording of one process: one scene after another, a new one for each full file."""
 
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 
 import rerun as rr
@@ -19,7 +21,7 @@ from vo_service.outputs.rerun.messages import (
     TrajectoryPoint,
 )
 from vo_service.outputs.rerun.scene import RerunScene
-from vo_service.outputs.rerun.sinks import APPLICATION, BrokenFileError, Sink, ViewerGoneError
+from vo_service.outputs.rerun.sinks import APPLICATION, BrokenFileError, ViewerGoneError
 from vo_service.outputs.write_fault import WriteFault
 
 CHECK_PERIOD_S = 1.0
@@ -45,15 +47,13 @@ class RotatingRecording:
         self._stream = rr.RecordingStream(APPLICATION, recording_id=config.recording_id)
         self._initial_state = InitialState()
         self._fault = WriteFault()
-        self._scene: RerunScene | _NullScene = _NullScene(self._fault)
-        self._abandoned_scene: RerunScene | _NullScene = self._scene
         self._last_check_s = time.monotonic()
         try:
             self._start_scene()
         except WriteError as error:
             if not is_disk_full(error):
                 raise
-            self._suspend(error)
+            self._fault.set(error, can_retry=True)
 
     def log(self, message: RerunMessage) -> None:
         """Draw one message; before a new frame, check the file and rotate it if it is full.
@@ -75,19 +75,19 @@ class RotatingRecording:
                     return
             case FrameScalars():
                 self.check()
-        self._scene.log(message)
+        if not self._fault:
+            self._scene.log(message)
 
     def finish(self) -> None:
         """Flush everything and close the sink."""
         try:
-            self._scene.check_written(self._sink)
+            with self._setting_fault():
+                if not self._fault:
+                    self._sink.check(self._stream)
         except ViewerGoneError:
             return  # nothing is stored, and closing the stream could block
-        except BrokenFileError as error:
-            self._stop(error)
-        except UserFacingError as error:
-            self._suspend(error)
-        self._scene.finish()
+        if not self._fault:
+            self._stream.disconnect()
         self._sink.close()
 
     def _start_scene(self) -> None:
@@ -111,51 +111,33 @@ class RotatingRecording:
         Raises:
             ViewerGoneError: The viewer does not read.
         """
-        try:
-            if time.monotonic() - self._last_check_s > CHECK_PERIOD_S:
+        with self._setting_fault():
+            if self._fault:
+                if self._fault.is_retry_due:
+                    self._start_scene()
+                return
+            is_full = self._sink.is_full()
+            if is_full or time.monotonic() - self._last_check_s > CHECK_PERIOD_S:
                 self._last_check_s = time.monotonic()
-                self._scene.check_written(self._sink)
-            if self._scene.should_rotate(self._sink):
-                self._scene.check_written(self._sink)
-                self._scene.finish()
+                self._sink.check(self._stream)
+            if is_full:
+                self._stream.disconnect()
                 self._start_scene()
+
+    @contextmanager
+    def _setting_fault(self) -> Iterator[None]:
+        """Draw nothing from an error of the sink on, until the next retry if that can help.
+
+        Raises:
+            ViewerGoneError: The viewer does not read.
+        """
+        try:
+            yield
         except ViewerGoneError:
             raise
         except BrokenFileError as error:
-            self._stop(error)
+            self._fault.set(error, can_retry=False)  # closing the stream could block forever
         except UserFacingError as error:
-            self._suspend(error)
-
-    def _suspend(self, error: UserFacingError) -> None:
-        """Draw nothing until the next retry."""
-        self._scene.finish()
-        self._disable(error, can_retry=True)
-
-    def _stop(self, error: UserFacingError) -> None:
-        """Draw nothing any more. The scene is not finished, as that could block forever."""
-        self._abandoned_scene = self._scene
-        self._disable(error, can_retry=False)
-
-    def _disable(self, error: UserFacingError, *, can_retry: bool) -> None:
-        self._fault.set(error, can_retry=can_retry)
-        self._scene = _NullScene(self._fault)
-
-
-class _NullScene:
-    """Scene that draws nothing until a retry is due."""
-
-    def __init__(self, fault: WriteFault) -> None:
-        self._fault = fault
-
-    def log(self, message: RerunMessage) -> None:
-        """Ignore the message."""
-
-    def check_written(self, sink: Sink) -> None:
-        """Do nothing."""
-
-    def should_rotate(self, sink: Sink) -> bool:
-        """Return whether a retry is due."""
-        return self._fault.is_retry_due
-
-    def finish(self) -> None:
-        """Do nothing."""
+            if not self._fault:
+                self._stream.disconnect()
+            self._fault.set(error, can_retry=True)

@@ -28,7 +28,6 @@ from vo_service.outputs.rerun.messages import (
     TrackingStatus,
     TrajectoryPoint,
 )
-from vo_service.outputs.rerun.sinks import Sink
 from vo_service.types.estimate import OnlineTiming, TrackingDebug
 from vo_service.types.odometry_update import TrackingState
 
@@ -146,22 +145,6 @@ class RerunScene:
                 self._log_state(message)
             case TextLog(text):
                 self._stream.log(paths.LOG, rr.TextLog(text, level=rr.TextLogLevel.WARN))
-
-    def check_written(self, sink: Sink) -> None:
-        """Check that the logged data has arrived.
-
-        Raises:
-            UserFacingError: If the data has not arrived.
-        """
-        sink.check(self._stream)
-
-    def should_rotate(self, sink: Sink) -> bool:
-        """Return whether the sink is full."""
-        return sink.is_full()
-
-    def finish(self) -> None:
-        """Flush and close the stream."""
-        self._stream.disconnect()
 
     def _log_initial_state(self, initial_state: InitialState) -> None:
         self._trajectory = _TrajectoryLayer(self._stream, initial_state)

@@ -20,13 +20,13 @@ from drivers.core.write_errors import (
     is_disk_full,
     writing,
 )
+from vo_service.outputs.loopback_ports import LOOPBACK
 
 if TYPE_CHECKING:
     import rerun as rr
     import rerun.blueprint as rrb
 
 APPLICATION = "kinect-vo"
-LOOPBACK = "127.0.0.1"
 DATA_PORT = 9876  # Rerun's own default
 PRESENCE_TIMEOUT_S = 0.7
 # A viewer that takes longer to read what was sent is frozen, a disk that takes longer hangs.

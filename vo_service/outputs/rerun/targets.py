@@ -1,9 +1,7 @@
 """Targets of Rerun as users write them: serve, connect, connect:HOST:PORT or FILE.rrd."""
 
 import os
-import socket
 from collections.abc import Sequence
-from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,9 +9,9 @@ from urllib.parse import quote
 
 from drivers.core import InputError
 from vo_service.config_tables import RerunConfig
+from vo_service.outputs.loopback_ports import LOOPBACK, free_port, probe_port
 from vo_service.outputs.rerun.sinks import (
     DATA_PORT,
-    LOOPBACK,
     LiveSink,
     PortTakenError,
     RrdFileSink,
@@ -73,25 +71,12 @@ class BrowserSink(LiveSink):
             self._pages.pop().close()
 
 
-def free_port(preferred: int) -> int:
-    """Return the preferred loopback port or, if it is in use (by a viewer, say), any free one."""
-    for port in (preferred, 0):
-        with socket.socket() as probe:
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            with suppress(OSError):
-                probe.bind((LOOPBACK, port))
-                return int(probe.getsockname()[1])
-    return preferred
-
-
 def _check_port_free(port: int) -> None:
     """Raise PortTakenError if the port is in use: Rerun would only log it and show nothing."""
-    with socket.socket() as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind((LOOPBACK, port))
-        except (OSError, OverflowError) as error:
-            raise PortTakenError(port, error) from error
+    try:
+        probe_port(port)
+    except (OSError, OverflowError) as error:
+        raise PortTakenError(port, error) from error
 
 
 # Measured: Python, OpenCV, Rerun and their libraries without history; Rerun then takes twice its

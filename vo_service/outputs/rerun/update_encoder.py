@@ -30,7 +30,7 @@ from vo_service.types.odometry_update import OdometryUpdate
 from vo_service.types.outputs import GroundTruthSource, no_ground_truth
 
 # A map of hours has tens of thousands of numbers, so it is sent at most this often.
-MIN_PERIOD_S = 1.0
+MIN_MAP_PERIOD_S = 1.0
 
 
 class MapEncoder:
@@ -41,39 +41,26 @@ class MapEncoder:
     localized, the transform follows the camera's pose.
 
     Attributes:
-        graph: The map in the world.
+        graph: The map in the world; another object when it changes.
         T_world_map: 4x4; another object when it changes.
     """
 
     def __init__(self) -> None:
-        self._throttle = Throttle(MIN_PERIOD_S)
         self._map: MapSnapshot = NO_MAP
         self.T_world_map = np.eye(4)
         self._is_anchored = False
-        self._is_sent = True
         self.graph = MapGraph()
 
     def update(self, update: OdometryUpdate) -> None:
         """Take over the map of one result."""
         if update.map is self._map or not update.estimate.ok:
             return
-        self._map, self._is_sent = update.map, False
+        self._map = update.map
         if not self._is_anchored:
             T_map_camera = self._map.T_map_odom @ update.T_odom_camera
             self.T_world_map = update.T_world_camera @ inverse(T_map_camera)
             self._is_anchored = update.is_localized
         self.graph = self._build_graph()
-
-    def encode_if_due(self, now_s: float) -> Iterator[MapGraph]:
-        """Yield the map if it has changed since it was sent and the period has passed."""
-        if not self._is_sent and self._throttle.allow(now_s):
-            yield from self.encode_pending()
-
-    def encode_pending(self) -> Iterator[MapGraph]:
-        """Yield the map if it has changed since it was sent."""
-        if not self._is_sent:
-            self._is_sent = True
-            yield self.graph
 
     def place_grid(self, grid: OccupancyGrid) -> GridCells:
         """Place the cells of the occupancy grid in the world."""
@@ -112,11 +99,11 @@ class UpdateEncoder:
         ground_truth: GroundTruthSource,
     ) -> None:
         self._rate_clock_s = sink.rate_clock_s
-        self._throttle = Throttle(image_period_s)
+        self._throttle, self._map_throttle = Throttle(image_period_s), Throttle(MIN_MAP_PERIOD_S)
         self._ground_truth = ground_truth
         self._map = MapEncoder()
         self._grid, self._T_world_grid = NO_GRID, self._map.T_world_map
-        self.initial_state = InitialState()
+        self.initial_state = InitialState(graph=self._map.graph)
 
     def encode_update(self, update: OdometryUpdate) -> Iterator[RerunMessage]:
         """Yield the messages of one result."""
@@ -137,7 +124,8 @@ class UpdateEncoder:
         yield from self._encode_ground_truth(update)
         now_s = self._rate_clock_s(update.frame.stamp_s)
         self._map.update(update)
-        yield from self._remember_graphs(self._map.encode_if_due(now_s))
+        if self._is_map_pending and self._map_throttle.allow(now_s):
+            yield from self.encode_pending()
         if self._throttle.allow(now_s):
             yield from self._encode_point(update)
             yield from self._map.encode_corrected_position(update)
@@ -160,14 +148,16 @@ class UpdateEncoder:
         """Encode a status: the state may change without a frame."""
         return TrackingStatus(status.state, status.reason, status.epoch)
 
-    def encode_pending(self) -> Iterator[RerunMessage]:
-        """Yield the messages still pending at the end."""
-        yield from self._remember_graphs(self._map.encode_pending())
+    @property
+    def _is_map_pending(self) -> bool:
+        """Whether the map has changed since it was sent."""
+        return self._map.graph is not self.initial_state.graph
 
-    def _remember_graphs(self, graphs: Iterator[MapGraph]) -> Iterator[MapGraph]:
-        for graph in graphs:
-            self.initial_state = replace(self.initial_state, graph=graph)
-            yield graph
+    def encode_pending(self) -> Iterator[MapGraph]:
+        """Yield the map if it has changed since it was sent."""
+        if self._is_map_pending:
+            self.initial_state = replace(self.initial_state, graph=self._map.graph)
+            yield self._map.graph
 
     def _encode_point(self, update: OdometryUpdate) -> Iterator[RerunMessage]:
         position = update.T_world_camera[:3, 3]

@@ -21,7 +21,8 @@ from typing import Any
 from urllib.request import urlopen
 
 from drivers.core import UserFacingError
-from vo_service.outputs.rerun.sinks import LOOPBACK, PortTakenError
+from vo_service.outputs.loopback_ports import LOOPBACK, probe_port
+from vo_service.outputs.rerun.sinks import PortTakenError
 
 _FILES = {
     "": "text/html",
@@ -101,7 +102,7 @@ def _content_security_policy(data_port: int) -> str:
 
 def _fetch_files() -> dict[str, bytes]:
     """Start Rerun's own web server for a moment and read the files from it."""
-    port = pick_free_port()
+    port = probe_port()
     # With a data source given, Rerun opens no data port of its own.
     command = [str(rerun_binary()), "--serve-web", f"rerun+http://{LOOPBACK}:1/proxy"]
     command += ["--bind", LOOPBACK, "--web-viewer-port", str(port)]
@@ -142,14 +143,6 @@ def _fetch(url: str) -> bytes:
     with urlopen(url, timeout=_START_TIMEOUT_S) as response:
         content: bytes = response.read()
     return content
-
-
-def pick_free_port() -> int:
-    """Return a loopback port that is free now."""
-    with socket.socket() as probe:
-        probe.bind((LOOPBACK, 0))
-        port: int = probe.getsockname()[1]
-    return port
 
 
 def rerun_binary() -> Path:

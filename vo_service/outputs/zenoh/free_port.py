@@ -1,12 +1,12 @@
 """The connection of a replay: it finds a free port if another program has the usual one."""
 
-import socket
 from contextlib import suppress
 from dataclasses import replace
 
 import zenoh
 
 from vo_service.config_tables import DEFAULT_ENDPOINT, ZenohConfig
+from vo_service.outputs.loopback_ports import LOOPBACK, probe_port
 from vo_service.outputs.zenoh.output import describe
 from vo_service.outputs.zenoh.session import ZenohPortInUseError, open_session
 
@@ -53,6 +53,4 @@ def _open_on_free_port(config: ZenohConfig) -> tuple[zenoh.Session, str]:
 
 def _free_endpoint() -> str:
     """Return an endpoint with a free port; with port 0, Zenoh would not report its port."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    return f"tcp/{LOOPBACK}:{probe_port()}"

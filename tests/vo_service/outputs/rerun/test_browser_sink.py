@@ -12,12 +12,12 @@ from tests import ports
 from tests.ports import listening_addresses
 from tests.resource_leaks import child_pids, is_alive
 from tests.vo_service.outputs.sample_updates import make_update
+from vo_service.outputs.loopback_ports import probe_port
 from vo_service.outputs.rerun import targets
 from vo_service.outputs.rerun.blueprint import make_blueprint
 from vo_service.outputs.rerun.output import RerunOutput, open_rerun_output
 from vo_service.outputs.rerun.sinks import PortTakenError
 from vo_service.outputs.rerun.targets import BrowserSink
-from vo_service.outputs.rerun.web_viewer_server import pick_free_port as any_port
 
 pytestmark = pytest.mark.subprocess
 
@@ -83,7 +83,7 @@ def test_a_port_taken_after_the_check_is_replaced(
         port_in_use = taken.getsockname()[1]
         found = [port_in_use, port_in_use]
         monkeypatch.setattr(
-            targets, "free_port", lambda preferred: found.pop() if found else any_port()
+            targets, "free_port", lambda preferred: found.pop() if found else probe_port()
         )
         output = open_rerun_output("serve")
         assert str(port_in_use) not in output.address

@@ -47,7 +47,7 @@ SINGLE = {
     # The motion that most matched points agree with; the wrapper and a rival of that motion.
     "find_consensus": {"vo_service/odometry/features/verification.py"},
     "TokenBucket": {  # users of the one rate limiter
-        "vo_service/outputs/zenoh/base_subscription.py",
+        "vo_service/outputs/zenoh/receiver.py",
         "vo_service/outputs/zenoh/session_endpoints.py",
     },
 }

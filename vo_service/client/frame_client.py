@@ -282,10 +282,9 @@ class FrameClient(ServiceClient):
 
     def close(self) -> None:
         """Disconnect; `frames`, `points` and `scans` end. Safe to call twice."""
-        self._state.close()
+        super().close()
         for assembly in list(self._assemblies):
             assembly.stop()
-        self._connection.close()
 
     def frames(
         self, timeout_s: float | None = None, *, depth: bool = True, compressed: bool = False

@@ -3,6 +3,7 @@
 import threading
 import time
 from dataclasses import dataclass
+from typing import TypeVar
 
 import zenoh
 
@@ -17,6 +18,7 @@ from vo_service.types.messages import (
 )
 
 LOST = "lost"
+Attachment = TypeVar("Attachment")
 
 
 @dataclass(frozen=True)
@@ -148,10 +150,7 @@ def parse_pose_sample(sample: zenoh.Sample, run: int) -> ReceivedPose:
     Raises:
         ValueError: The message is malformed or of an unknown version.
     """
-    if sample.attachment is None:
-        raise ValueError("a pose came without its attachment")
-    content = parse_json_message(sample.attachment.to_bytes())
-    attachment = decode_message(OdomAttachment, content, "a pose")
+    attachment = _parse_attachment(OdomAttachment, sample, "a pose")
     message = decode_odometry(sample.payload.to_bytes())
     return ReceivedPose(message, attachment, time.monotonic(), run)
 
@@ -213,10 +212,7 @@ def parse_map_odom(sample: zenoh.Sample) -> MapOdom:
     Raises:
         ValueError: The message is malformed or of an unknown version.
     """
-    if sample.attachment is None:
-        raise ValueError("a map_odom message came without its attachment")
-    content = parse_json_message(sample.attachment.to_bytes())
-    attachment = decode_message(MapOdomAttachment, content, "a map_odom message")
+    attachment = _parse_attachment(MapOdomAttachment, sample, "a map_odom message")
     message = decode_transform(sample.payload.to_bytes())
     return MapOdom(
         stamp_s=float(message.stamp_s),
@@ -226,3 +222,9 @@ def parse_map_odom(sample: zenoh.Sample) -> MapOdom:
         **vars(attachment),
         receive_time_s=time.monotonic(),
     )
+
+
+def _parse_attachment(kind: type[Attachment], sample: zenoh.Sample, what: str) -> Attachment:
+    if sample.attachment is None:
+        raise ValueError(f"{what} came without its attachment")
+    return decode_message(kind, parse_json_message(sample.attachment.to_bytes()), what)

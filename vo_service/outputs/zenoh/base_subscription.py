@@ -1,16 +1,14 @@
 """Subscriptions to messages of a robot's base, on the session of poses and commands."""
 
 import threading
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import zenoh
 
-from drivers.core.rate_limits import TokenBucket
+from vo_service.outputs.zenoh.receiver import MAX_PENDING, start_receiver
 
-# Many messages must not take CPU time from the poses: Zenoh drops the oldest, without Python code.
-MAX_PENDING, MAX_PER_SECOND = 16, 200.0
+MAX_PER_SECOND = 200.0
 # A message has less than a kilobyte.
 MAX_MESSAGE_BYTES = 65_536
 
@@ -30,24 +28,11 @@ class BaseSubscription:
     def declare(self, session: zenoh.Session) -> list[threading.Thread]:
         """Subscribe on a new session; return the thread."""
         subscriber = session.declare_subscriber(self.key, zenoh.handlers.RingChannel(MAX_PENDING))
-        thread = threading.Thread(
-            target=self._receive, args=(subscriber,), name=f"zenoh-{self.key}", daemon=True
-        )
-        thread.start()
-        return [thread]
+        return [start_receiver(subscriber, self.key, MAX_PER_SECOND, self._hand_over)]
 
-    def _receive(self, subscriber: zenoh.Subscriber[zenoh.Handler[zenoh.Sample]]) -> None:
-        rate_limit = TokenBucket(MAX_PER_SECOND)
-        samples = subscriber.handler
-        while True:
-            time.sleep(rate_limit.seconds_until_next())
-            try:
-                payload = samples.recv().payload
-            except zenoh.ZError:  # the session has closed
-                return
-            rate_limit.try_acquire()
-            if len(payload) <= MAX_MESSAGE_BYTES:
-                self.on_message(payload.to_bytes())
+    def _hand_over(self, sample: zenoh.Sample) -> None:
+        if len(sample.payload) <= MAX_MESSAGE_BYTES:
+            self.on_message(sample.payload.to_bytes())
 
 
 def wheel_key(prefix: str) -> str:

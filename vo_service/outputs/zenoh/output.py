@@ -239,7 +239,7 @@ class ZenohOutput:
         self._extra = extra_endpoints or ExtraEndpoints()
         self._qos = qos
         self._versions = versions()
-        self._latest = LatestMessages()
+        self._latest: LatestMessages = {}
         self._endpoint_config = EndpointConfig(
             prefix=config.prefix,
             congestion=qos.congestion,
@@ -305,9 +305,8 @@ class ZenohOutput:
     def _publish_pose(self, update: OdometryUpdate) -> None:
         payload = pose_payload(update, self._extra.frame_ids)
         attachment = pose_attachment(update)
-        self._latest.pose = (payload, attachment)
-        for endpoints in self._endpoints:
-            endpoints.publish_pose(payload, attachment)
+        self._latest["latest"] = lambda: (payload, attachment)
+        self._send("odom", payload, attachment)
         if update.map is not NO_MAP:
             self._publish_map(update)
         if update.grid is not self._published_grid:
@@ -324,7 +323,7 @@ class ZenohOutput:
         has_changed = current != self._published_map
         if has_changed:
             encode()  # raises for a transform that nobody can read, which is then not stored
-        self._latest.map_odom, self._map_update = encode, update
+        self._latest["map_odom"], self._map_update = encode, update
         if has_changed:
             self._published_map = current
             self._send_map()
@@ -332,22 +331,23 @@ class ZenohOutput:
     def _publish_grid(self, update: OdometryUpdate) -> None:
         """Store and publish a changed occupancy grid."""
         self._published_grid = update.grid
-        self._latest.grid = grid_payload(update, self._extra.frame_ids)
-        for endpoints in self._endpoints:
-            endpoints.publish_grid(self._latest.grid)
+        payload = grid_payload(update, self._extra.frame_ids)
+        self._latest["map"] = lambda: (payload, None)
+        self._send("map", payload)
 
     def _send_map(self) -> None:
-        if self._latest.map_odom is not None:
-            payload, attachment = self._latest.map_odom()
-            for endpoints in self._endpoints:
-                endpoints.publish_map_odom(payload, attachment)
+        if "map_odom" in self._latest:
+            self._send("map_odom", *self._latest["map_odom"]())
+
+    def _send(self, name: str, payload: bytes, attachment: bytes | None = None) -> None:
+        for endpoints in self._endpoints:
+            endpoints.publish(name, payload, attachment)
 
     def _publish_status(self, status: Status) -> None:
         payload = encode_message(status, {"versions": self._versions})
-        self._latest.status = payload
+        self._latest["status"] = lambda: (payload, None)
         self._sync_endpoints()
-        for endpoints in self._endpoints:
-            endpoints.publish_status(payload)
+        self._send("status", payload)
         self._mark_map_as_lost(status)
         self._send_map()  # for new subscribers
 
@@ -356,7 +356,7 @@ class ZenohOutput:
         last = self._map_update
         if last is not None and last.is_localized and not status.map.is_localized:
             last = replace(last, map=replace(last.map, is_localized=False))
-            self._latest.map_odom = partial(map_odom_message, last, self._extra.frame_ids)
+            self._latest["map_odom"] = partial(map_odom_message, last, self._extra.frame_ids)
 
     def _sync_endpoints(self) -> None:
         """Declare the endpoints on the open session, if they are not declared there yet."""

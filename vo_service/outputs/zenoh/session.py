@@ -138,10 +138,14 @@ def _endpoint_in_error(text: str) -> str:
 
 
 def _format_error(error: zenoh.ZError) -> str:
-    """Format Zenoh's message as one line, without its source locations."""
-    text = re.sub(r"\s+at /\S+\.rs:\d+\.?", "", str(error))
+    text = without_source_locations(error)
     quoted = re.search(r'msg: "(.*?)", location', text)
-    return " ".join((quoted.group(1) if quoted else text).split())
+    return quoted.group(1) if quoted else text
+
+
+def without_source_locations(error: zenoh.ZError) -> str:
+    """Return Zenoh's message as one line, without the places in its source."""
+    return " ".join(re.sub(r"\s+at /\S+\.rs:\d+\.?", "", str(error)).split())
 
 
 def declare_latched_publisher(

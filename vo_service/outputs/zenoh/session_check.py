@@ -1,7 +1,6 @@
 """Check of a Zenoh configuration without the network: endpoints, TLS keys, access rules."""
 
 import json
-import re
 import ssl
 from collections.abc import Callable, Sequence
 
@@ -17,7 +16,7 @@ from vo_service.outputs.zenoh.addresses import (
     is_endpoint,
     requires_client_certificates,
 )
-from vo_service.outputs.zenoh.session import open_with_shared_memory
+from vo_service.outputs.zenoh.session import open_with_shared_memory, without_source_locations
 from vo_service.outputs.zenoh.zenoh_config import build_zenoh_config
 
 
@@ -72,8 +71,7 @@ def _check_rules(settings: zenoh.Config, where: str) -> None:
     try:
         open_with_shared_memory(settings).close()  # type: ignore[no-untyped-call]
     except zenoh.ZError as error:
-        reason = re.sub(r"\s+at /\S+\.rs:\d+\.?", "", str(error))
-        plain = " ".join(reason.split()).removeprefix("Access control not enabled due to: ")
+        plain = without_source_locations(error).removeprefix("Access control not enabled due to: ")
         raise InputError(f"{where}: {plain}; correct it there") from error
 
 

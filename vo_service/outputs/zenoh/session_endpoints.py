@@ -20,6 +20,7 @@ from drivers.core.rate_limits import TokenBucket
 from drivers.ros_messages.navigation import OCCUPANCY_GRID_SCHEMA, ODOMETRY_SCHEMA, TRANSFORM_SCHEMA
 from vo_service.config_tables import CommandConfig, FrameIds
 from vo_service.control import CommandFuture, CommandQueue
+from vo_service.outputs.zenoh.receiver import MAX_PENDING, start_receiver
 from vo_service.outputs.zenoh.session import declare_latched_publisher
 from vo_service.types.commands import (
     MAX_PAYLOAD_BYTES,
@@ -38,40 +39,26 @@ CDR = zenoh.Encoding.APPLICATION_CDR.with_schema(ODOMETRY_SCHEMA)
 CDR_GRID = zenoh.Encoding.APPLICATION_CDR.with_schema(OCCUPANCY_GRID_SCHEMA)
 CDR_TRANSFORM = zenoh.Encoding.APPLICATION_CDR.with_schema(TRANSFORM_SCHEMA)
 JSON = zenoh.Encoding.APPLICATION_JSON
-# Above this, Zenoh drops the oldest query, without any Python code.
-MAX_PENDING_QUERIES = 16
 # Many queries must not take CPU time from the poses.
 MAX_REPLIES_PER_SECOND = 100.0
 
 QueryHandler = Callable[[zenoh.Query], None]
 
 
-class LatestMessages:
-    """The latest messages, for queries. One thread writes, others read."""
-
-    def __init__(self) -> None:
-        self.pose: tuple[bytes, bytes] | None = None  # CDR, attachment
-        # Encodes CDR and attachment; None without a map.
-        self.map_odom: Callable[[], tuple[bytes, bytes]] | None = None
-        self.status: bytes | None = None
-        self.grid: bytes | None = None  # CDR; None without a map
+# Makes a message: CDR or JSON, and its attachment.
+Encode = Callable[[], tuple[bytes, bytes | None]]
+# By the key below the prefix. One thread writes, others read.
+LatestMessages = dict[str, Encode]
 
 
 def serve_queryable(session: zenoh.Session, key: str, handler: QueryHandler) -> threading.Thread:
-    """Reply to the queries of a key, one after another, on a thread that ends with the session.
-
-    Queries wait in Zenoh, not in Python, so a flood of them does not delay the poses. A dropped
-    query gets no reply.
+    """Reply to the queries of a key. A dropped query gets no reply.
 
     Returns:
         The thread.
     """
-    queryable = session.declare_queryable(key, zenoh.handlers.RingChannel(MAX_PENDING_QUERIES))
-    thread = threading.Thread(
-        target=_serve, args=(queryable, handler), name=f"zenoh-{key}", daemon=True
-    )
-    thread.start()
-    return thread
+    queryable = session.declare_queryable(key, zenoh.handlers.RingChannel(MAX_PENDING))
+    return start_receiver(queryable, key, MAX_REPLIES_PER_SECOND, partial(_serve, handler))
 
 
 def reply(
@@ -97,24 +84,26 @@ def reply_error(query: zenoh.Query, error: CommandError) -> None:
         query.reply_err(encode_message(ErrorReply(error.code, str(error))), encoding=JSON)
 
 
-def _serve(queryable: zenoh.Queryable[zenoh.Handler[zenoh.Query]], handler: QueryHandler) -> None:
-    rate_limit = TokenBucket(MAX_REPLIES_PER_SECOND)
-    # Not `queryable.recv`: it would keep the queryable borrowed, and closing would fail.
-    queries = queryable.handler
-    while True:
-        time.sleep(rate_limit.seconds_until_next())
-        try:
-            query = queries.recv()
-        except zenoh.ZError:  # the session has closed
-            return
-        rate_limit.try_acquire()
-        try:
-            handler(query)
-        except Exception as error:  # one failed query must not end the thread
-            logger.error("zenoh: cannot reply to %s: %s", query.key_expr, error)
-            reply_error(
-                query, CommandError(ErrorCode.FAILED, "an error inside the service; see its log")
-            )
+def _serve(handler: QueryHandler, query: zenoh.Query) -> None:
+    try:
+        handler(query)
+    except Exception as error:  # one failed query must not end the thread
+        logger.error("zenoh: cannot reply to %s: %s", query.key_expr, error)
+        reply_error(
+            query, CommandError(ErrorCode.FAILED, "an error inside the service; see its log")
+        )
+
+
+# Of the messages that can be queried: their encoding, and why there is none.
+QUERYABLE_MESSAGES = {
+    "latest": (CDR, "there is no pose yet"),
+    "map_odom": (CDR_TRANSFORM, "there is no map yet"),
+    "map": (
+        CDR_GRID,
+        "there is no occupancy grid yet; it needs the camera's height in T_base_camera",
+    ),
+    "status": (JSON, "there is no status yet"),
+}
 
 
 @dataclass(frozen=True)
@@ -126,48 +115,23 @@ class Queryables:
 
     def declare(self, session: zenoh.Session) -> list[threading.Thread]:
         """Start to reply; return the threads."""
-        handlers = {
-            "latest": self._reply_latest,
-            "map_odom": self._reply_map_odom,
-            "map": self._reply_grid,
-            "status": self._reply_status,
-            "schema": self._reply_schema,
+        handlers: dict[str, QueryHandler] = {
+            name: partial(self._reply_latest, name) for name in QUERYABLE_MESSAGES
         }
+        handlers["schema"] = self._reply_schema
         return [
             serve_queryable(session, f"{self.prefix}/{name}", handler)
             for name, handler in handlers.items()
         ]
 
-    def _reply_latest(self, query: zenoh.Query) -> None:
-        if self.latest.pose is None:
-            reply_error(query, NotPossibleError("there is no pose yet"))
+    def _reply_latest(self, name: str, query: zenoh.Query) -> None:
+        encoding, absence = QUERYABLE_MESSAGES[name]
+        encode = self.latest.get(name)
+        if encode is None:
+            reply_error(query, NotPossibleError(absence))
             return
-        payload, attachment = self.latest.pose
-        reply(query, f"{self.prefix}/latest", payload, CDR, attachment)
-
-    def _reply_map_odom(self, query: zenoh.Query) -> None:
-        if self.latest.map_odom is None:
-            reply_error(query, NotPossibleError("there is no map yet"))
-            return
-        payload, attachment = self.latest.map_odom()
-        reply(query, f"{self.prefix}/map_odom", payload, CDR_TRANSFORM, attachment)
-
-    def _reply_grid(self, query: zenoh.Query) -> None:
-        if self.latest.grid is None:
-            reply_error(
-                query,
-                NotPossibleError(
-                    "there is no occupancy grid yet; it needs the camera's height in T_base_camera"
-                ),
-            )
-            return
-        reply(query, f"{self.prefix}/map", self.latest.grid, CDR_GRID)
-
-    def _reply_status(self, query: zenoh.Query) -> None:
-        if self.latest.status is None:
-            reply_error(query, NotPossibleError("there is no status yet"))
-            return
-        reply(query, f"{self.prefix}/status", self.latest.status)
+        payload, attachment = encode()
+        reply(query, f"{self.prefix}/{name}", payload, encoding, attachment)
 
     def _reply_schema(self, query: zenoh.Query) -> None:
         # Imported by the first query: few ask for the schemas.
@@ -217,7 +181,7 @@ class CommandServer:
         self._command_queue = command_queue
         self._rate_limit = CommandRateLimit(per_second)
         self._replies: WorkerThread[_PendingCommand] = WorkerThread(
-            "zenoh-answers", BlockingQueue(MAX_PENDING_QUERIES), _send_reply, lambda: None
+            "zenoh-answers", BlockingQueue(MAX_PENDING), _send_reply, lambda: None
         )
 
     def declare(self, session: zenoh.Session, prefix: str) -> list[threading.Thread]:
@@ -370,19 +334,21 @@ class SessionEndpoints:
             express=True,
             reliability=zenoh.Reliability.RELIABLE,
         )
-        self._map_odom = session.declare_publisher(
-            f"{prefix}/map_odom",
-            encoding=CDR_TRANSFORM,
-            congestion_control=config.congestion,
-            reliability=zenoh.Reliability.RELIABLE,
-        )
-        self._status = session.declare_publisher(
-            f"{prefix}/status", encoding=JSON, congestion_control=config.congestion
-        )
+        self._publishers: dict[str, zenoh.Publisher | zenoh.ext.AdvancedPublisher] = {
+            "odom": self._odom,
+            "map_odom": session.declare_publisher(
+                f"{prefix}/map_odom",
+                encoding=CDR_TRANSFORM,
+                congestion_control=config.congestion,
+                reliability=zenoh.Reliability.RELIABLE,
+            ),
+            "status": session.declare_publisher(
+                f"{prefix}/status", encoding=JSON, congestion_control=config.congestion
+            ),
+        }
         self._prefix = prefix
-        self._grid: zenoh.ext.AdvancedPublisher | None = None  # until there is a grid
-        if config.queryables.latest.grid is not None:  # of an earlier session
-            self.publish_grid(config.queryables.latest.grid)
+        if "map" in config.queryables.latest:  # of an earlier session
+            self.publish("map", *config.queryables.latest["map"]())
         self._threads = config.queryables.declare(session)
         self._threads += config.extra.commands.declare(session, prefix)
         for subscribe in config.extra.subscriptions:
@@ -390,23 +356,12 @@ class SessionEndpoints:
         config.extra.on_session(session)
         self._alive = session.liveliness().declare_token(f"{prefix}/alive")
 
-    def publish_pose(self, payload: bytes, attachment: bytes) -> None:
-        """Publish one pose; `payload` is its CDR."""
-        self._odom.put(payload, attachment=attachment)
-
-    def publish_map_odom(self, payload: bytes, attachment: bytes) -> None:
-        """Publish the map->odom transform."""
-        self._map_odom.put(payload, attachment=attachment)
-
-    def publish_grid(self, payload: bytes) -> None:
-        """Publish the occupancy grid, also for those who subscribe later."""
-        if self._grid is None:
-            key = f"{self._prefix}/map"
-            self._grid = declare_latched_publisher(self.session, key, CDR_GRID)
-        self._grid.put(payload)
-
-    def publish_status(self, payload: bytes) -> None:
-        self._status.put(payload)
+    def publish(self, name: str, payload: bytes, attachment: bytes | None = None) -> None:
+        """Publish a message under its key; the grid also for those who subscribe later."""
+        if name not in self._publishers:  # until there is a grid
+            key = f"{self._prefix}/{name}"
+            self._publishers[name] = declare_latched_publisher(self.session, key, CDR_GRID)
+        self._publishers[name].put(payload, attachment=attachment)
 
     def wait_for_subscriber(self, timeout_s: float) -> bool:
         """Wait until there is a subscriber to the poses; return False on timeout."""

@@ -175,10 +175,10 @@ def test_a_frame_is_queued_once_its_pose_is_sent(free_port: int) -> None:
     poses = ZenohOutput(ZenohConfig(listen=(f"tcp/127.0.0.1:{free_port}",)), extra_endpoints=extras)
     (endpoints,) = poses._endpoints
 
-    def publish_pose(payload: bytes, attachment: bytes) -> None:
+    def publish(name: str, payload: bytes, attachment: bytes) -> None:
         sent.append(json.loads(attachment)["seq"])
 
-    endpoints.publish_pose = publish_pose  # type: ignore[method-assign]
+    endpoints.publish = publish  # type: ignore[method-assign, assignment]
     for seq in range(3):
         poses.on_update(make_update(seq))
     poses.close()

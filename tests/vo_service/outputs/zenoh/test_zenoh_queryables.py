@@ -83,8 +83,7 @@ def test_a_flood_of_queries_does_not_affect_poses_and_later_replies(free_port: i
 
 def test_a_query_that_fails_inside_gets_an_error_reply(free_port: int) -> None:
     with closing(ZenohOutput(config(free_port))) as output, connected_session(free_port) as session:
-        output._latest.status = "not bytes, and no text either"  # type: ignore[assignment]
-        output._latest.pose = (b"", 5)  # type: ignore[assignment]
+        output._latest["latest"] = lambda: (b"", 5)  # type: ignore[assignment, return-value]
         (reply,) = query(session, "kinect/latest")
         assert reply_json(reply)["error"] == "failed"
         assert query_json(session, "kinect/schema")

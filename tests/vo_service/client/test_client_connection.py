@@ -5,7 +5,11 @@ from pathlib import Path
 import pytest
 
 from drivers.core import InputError
-from tests.vo_service.client.fake_service import find_free_endpoint, running_fake_service
+from tests.vo_service.client.fake_service import (
+    find_free_endpoint,
+    running_fake_service,
+    wait_for_pose,
+)
 from tests.waiting import wait_until
 from vo_service import PoseClient, PoseUnavailable, PoseUnavailableReason
 
@@ -42,44 +46,21 @@ def test_a_service_that_is_not_there_is_announced(
 def test_after_a_restart_poses_are_read_again_but_not_continuous() -> None:
     endpoint = find_free_endpoint()
     with PoseClient(connect=endpoint) as client:
-        for x_m in (1.0, 2.0):
+        seen = []
+        for first, x_m in ((5, 1.0), (7, 2.0)):
             with running_fake_service(endpoint) as publisher:
                 publisher.wait_for_reader()
                 assert client.wait_for_publisher(20)
-                publisher.publish_pose(5, x_m)
-                wait_until(lambda x_m=x_m: newest_x_m(client) == x_m)  # type: ignore[misc]
+                for seq in (first, first + 1):
+                    publisher.publish_pose(seq, x_m)
+                    wait_for_pose(client, seq)
+                    pose = client.newest(max_age_s=20)
+                    seen.append((pose.position_m[0], pose.is_continuous))
             wait_until(lambda: not client.is_alive)
             with pytest.raises(PoseUnavailable) as caught:
                 client.newest(max_age_s=0.0)
             assert caught.value.reason is PoseUnavailableReason.NO_PUBLISHER
-
-
-def newest_x_m(client: PoseClient) -> float:
-    """Return x of the newest pose; -1 if there is none."""
-    try:
-        pose = client.newest(max_age_s=5.0)
-    except PoseUnavailable:
-        return -1.0
-    return float(pose.position_m[0])
-
-
-def test_the_same_number_after_a_restart_is_not_continuous() -> None:
-    endpoint = find_free_endpoint()
-    with PoseClient(connect=endpoint) as client:
-        seen = []
-        for _ in range(2):
-            with running_fake_service(endpoint) as publisher:
-                publisher.wait_for_reader()
-                assert client.wait_for_publisher(20)
-                count = client._state.pose.count
-                publisher.publish_pose(5)
-                wait_until(lambda count=count: client._state.pose.count > count)  # type: ignore[misc]
-                seen.append(client.newest(max_age_s=20).is_continuous)
-                publisher.publish_pose(6)
-                wait_until(lambda count=count: client._state.pose.count > count + 1)  # type: ignore[misc]
-                seen.append(client.newest(max_age_s=20).is_continuous)
-            wait_until(lambda: not client.is_alive)
-    assert seen == [False, True, False, True]
+    assert seen == [(1.0, False), (1.0, True), (2.0, False), (2.0, True)]
 
 
 def test_a_zenoh_configuration_sets_the_endpoint(tmp_path: Path) -> None:

@@ -61,6 +61,12 @@ def test_a_port_in_use_keeps_the_existing_trajectory(free_port: int, tmp_path: P
     assert (tmp_path / "poses.txt").read_text() == "precious"
 
 
+def log_line(port: int) -> str:
+    """The line of poses that are published at this port."""
+    endpoint = f"tcp/127.0.0.1:{port}"
+    return f"poses: kinect/odom at {endpoint} (kinect-vo listen --connect {endpoint})"
+
+
 def test_the_log_has_only_the_addresses_of_active_outputs(free_port: int) -> None:
     lines: list[str] = []
     request = OutputsConfig(
@@ -72,9 +78,7 @@ def test_the_log_has_only_the_addresses_of_active_outputs(free_port: int) -> Non
     with socket.create_server(("127.0.0.1", free_port)), open_outputs(request):
         assert lines == []
     with open_outputs(request):
-        endpoint = f"tcp/127.0.0.1:{free_port}"
-        command = f"kinect-vo listen --connect {endpoint}"
-        assert lines == [f"poses: kinect/odom at {endpoint} ({command})"]
+        assert lines == [log_line(free_port)]
 
 
 def test_the_command_that_reads_the_poses_has_their_prefix(free_port: int) -> None:
@@ -92,9 +96,7 @@ def test_the_endpoint_of_a_zenoh_file_is_logged(free_port: int, tmp_path: Path) 
         PlaybackMode.REALTIME, ZenohConfig(config_file=file), log_line=lines.append
     )
     with open_outputs(request):
-        endpoint = f"tcp/127.0.0.1:{free_port}"
-        command = f"kinect-vo listen --connect {endpoint}"
-        assert lines == [f"poses: kinect/odom at {endpoint} ({command})"]
+        assert lines == [log_line(free_port)]
 
 
 def test_waiting_for_a_subscriber_times_out(free_port: int) -> None:

@@ -5,14 +5,12 @@ from typing import Any
 import numpy as np
 import pytest
 import zenoh
-import zenoh.ext
 from rosbags.typesys import Stores, get_typestore
 
 from drivers.core.geometry import Array, rigid_transform, transform_from_pose
 from drivers.ros_messages.navigation import TRANSFORMS_SCHEMA
 from tests.vo_service.outputs.frames.frame_robot import T_BASE_CAMERA, running_robot
-from tests.vo_service.outputs.zenoh.query_helpers import connected_session
-from tests.waiting import wait_until
+from tests.vo_service.outputs.zenoh.query_helpers import connected_session, late_sample
 from vo_service.config_tables import FrameIds
 from vo_service.outputs.frames.camera_transforms import camera_transforms
 
@@ -21,16 +19,8 @@ ROS = get_typestore(Stores.ROS2_JAZZY)
 
 def late_transforms(session: zenoh.Session) -> dict[tuple[str, str], Array]:
     """Frames and transforms that were published before the subscription."""
-    payloads: list[bytes] = []
-    subscriber = zenoh.ext.declare_advanced_subscriber(
-        session,
-        "kinect/tf_static",
-        lambda sample: payloads.append(sample.payload.to_bytes()),
-        history=zenoh.ext.HistoryConfig(detect_late_publishers=True),
-    )
-    wait_until(lambda: bool(payloads))
-    subscriber.undeclare()  # type: ignore[no-untyped-call]
-    message: Any = ROS.deserialize_cdr(payloads[0], TRANSFORMS_SCHEMA)
+    payload = late_sample(session, "kinect/tf_static")
+    message: Any = ROS.deserialize_cdr(payload, TRANSFORMS_SCHEMA)
     found = {}
     for stamped in message.transforms:
         q, t = stamped.transform.rotation, stamped.transform.translation

@@ -3,7 +3,7 @@
 import json
 import threading
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -22,7 +22,7 @@ from drivers.ros_messages.decoding import (
     decode_point_cloud,
 )
 from drivers.ros_messages.sensors import IMU_SCHEMA
-from tests.vo_service.outputs.frames.frame_robot import Robot
+from tests.vo_service.outputs.frames.frame_robot import Robot, running_robot
 from tests.vo_service.outputs.sample_updates import make_update
 from tests.vo_service.outputs.zenoh.query_helpers import connected_session
 from tests.waiting import wait_until
@@ -50,8 +50,7 @@ TYPES = {
 
 @pytest.fixture
 def robot(free_port: int) -> Iterator[Robot]:
-    made = Robot(free_port)
-    with closing(made.frames), closing(made.poses):
+    with running_robot(free_port) as made:
         yield made
 
 
@@ -187,10 +186,8 @@ def test_a_frame_is_queued_once_its_pose_is_sent(free_port: int) -> None:
 
 
 def test_the_rate_is_limited(free_port: int) -> None:
-    robot = Robot(free_port, max_hz=10.0)
     with (
-        closing(robot.frames),
-        closing(robot.poses),
+        running_robot(free_port, max_hz=10.0) as robot,
         subscribed(robot, free_port, "odom", "timing") as subscriber,
     ):
         for count in range(1, 10):  # stamps of 30 Hz

@@ -4,9 +4,11 @@ import json
 import threading
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
+from queue import SimpleQueue
 from typing import Any
 
 import zenoh
+import zenoh.ext
 
 from tests.waiting import DEFAULT_TIMEOUT_S, wait_until
 from vo_service.config_tables import ZenohConfig
@@ -14,6 +16,7 @@ from vo_service.control import CommandFuture, CommandQueue
 from vo_service.outputs.zenoh.output import LIVE_QOS, ZenohOutput
 from vo_service.outputs.zenoh.session import open_session
 from vo_service.outputs.zenoh.session_endpoints import CommandServer, ExtraEndpoints
+from vo_service.types.odometry_update import OdometryUpdate
 
 
 def config(port: int, **changes: Any) -> ZenohConfig:
@@ -67,6 +70,49 @@ def reply_error(reply: zenoh.Reply) -> zenoh.ReplyError:
     """Return the error of a reply."""
     assert reply.err is not None
     return reply.err
+
+
+def attachment_of(sample: zenoh.Sample) -> dict[str, Any]:
+    """Return the attachment."""
+    assert sample.attachment is not None
+    found: dict[str, Any] = json.loads(sample.attachment.to_bytes())
+    return found
+
+
+def queried_seq(session: zenoh.Session, key: str) -> int:
+    """Return the number of the pose in the reply to a query; -1 for an error reply."""
+    (reply,) = query(session, key)
+    return int(attachment_of(reply.ok)["seq"]) if reply.ok else -1
+
+
+def late_sample(session: zenoh.Session, key: str) -> bytes:
+    """Return the payload that was published before this subscription."""
+    received: SimpleQueue[zenoh.Sample] = SimpleQueue()
+    with zenoh.ext.declare_advanced_subscriber(
+        session,
+        key,
+        received.put,
+        history=zenoh.ext.HistoryConfig(detect_late_publishers=True),
+    ):
+        return received.get(timeout=DEFAULT_TIMEOUT_S).payload.to_bytes()
+
+
+class PoseSubscriber:
+    """A subscriber to an output's poses, in this process."""
+
+    def __init__(self, session: zenoh.Session, output: ZenohOutput) -> None:
+        self._output = output
+        self._received: SimpleQueue[zenoh.Sample] = SimpleQueue()
+        session.declare_subscriber("kinect/odom", self._received.put)
+        assert output.wait_for_subscriber(20)
+
+    def receives_all(self, updates: list[OdometryUpdate]) -> bool:
+        """Publish; return whether each pose is received before the next one is published."""
+        for update in updates:
+            self._output.on_update(update)
+            if attachment_of(self._received.get(timeout=100))["seq"] != update.seq:
+                return False
+        return (self._output.dropped, self._output.errors) == (0, 0)
 
 
 def next_command(command_queue: CommandQueue) -> CommandFuture:

@@ -1,6 +1,5 @@
 """Messages of the wheels over real Zenoh, on the session of the poses."""
 
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 
@@ -8,7 +7,7 @@ import pytest
 import zenoh
 
 from tests.vo_service.outputs.sample_updates import make_update
-from tests.vo_service.outputs.zenoh.query_helpers import config, connected_session
+from tests.vo_service.outputs.zenoh.query_helpers import PoseSubscriber, config, connected_session
 from tests.waiting import wait_until
 from vo_service.outputs.zenoh.base_subscription import (
     MAX_MESSAGE_BYTES,
@@ -64,16 +63,11 @@ def test_a_message_that_is_far_too_long_is_not_handed_over(free_port: int) -> No
 
 def test_a_flood_delays_no_pose_and_the_newest_message_arrives(free_port: int) -> None:
     received: list[bytes] = []
-    poses = threading.Semaphore(0)
     with output_with_wheels(free_port, received.append) as (output, session):
         wait_for_subscription(session)
-        session.declare_subscriber("kinect/odom", lambda _: poses.release())
-        assert output.wait_for_subscriber(20)
+        poses = PoseSubscriber(session, output)
         for number in range(5000):
             session.put(KEY, b"%d" % number)
-        for seq in range(20):
-            output.on_update(make_update(seq))
-            assert poses.acquire(timeout=100)
+        assert poses.receives_all([make_update(seq) for seq in range(20)])
         wait_until(lambda: b"4999" in received)
     assert len(received) < 5000
-    assert output.dropped == output.errors == 0

@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import zenoh
-import zenoh.ext
 
 from drivers.ros_messages.decoding import decode_occupancy_grid
 from tests.vo_service.outputs.sample_updates import make_update
 from tests.vo_service.outputs.zenoh.query_helpers import (
     config,
     connected_session,
+    late_sample,
     query,
     reply_json,
 )
@@ -25,20 +25,6 @@ pytestmark = pytest.mark.zenoh
 
 FIRST = OccupancyGrid(np.array([[FREE, OCCUPIED, UNKNOWN]], np.int8), 0.05, (-1.0, 2.0))
 SECOND = OccupancyGrid(np.array([[FREE, FREE, UNKNOWN]], np.int8), 0.05, (-1.0, 2.0))
-
-
-def late_sample(session: zenoh.Session, key: str) -> bytes:
-    """The last sample of before the subscription."""
-    received: list[bytes] = []
-    subscriber = zenoh.ext.declare_advanced_subscriber(
-        session,
-        key,
-        lambda sample: received.append(sample.payload.to_bytes()),
-        history=zenoh.ext.HistoryConfig(detect_late_publishers=True),
-    )
-    wait_until(lambda: bool(received))
-    subscriber.undeclare()  # type: ignore[no-untyped-call]
-    return received[-1]
 
 
 def test_a_changed_grid_is_published_and_kept(free_port: int) -> None:

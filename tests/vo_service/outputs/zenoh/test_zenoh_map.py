@@ -1,10 +1,8 @@
 """The map->odom transform over real Zenoh."""
 
-import json
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,8 +11,10 @@ import zenoh
 from drivers.ros_messages.decoding import decode_transform
 from tests.vo_service.outputs.sample_updates import STATUS, make_update
 from tests.vo_service.outputs.zenoh.query_helpers import (
+    attachment_of,
     config,
     connected_session,
+    queried_seq,
     query,
     reply_json,
 )
@@ -51,13 +51,6 @@ def connected_output(port: int) -> Iterator[OutputAndSession]:
         session.declare_subscriber("kinect/odom", connected.poses.append)
         assert output.wait_for_subscriber(100)
         yield connected
-
-
-def attachment_of(sample: zenoh.Sample) -> dict[str, Any]:
-    """Return the attachment."""
-    assert sample.attachment is not None
-    found: dict[str, Any] = json.loads(sample.attachment.to_bytes())
-    return found
 
 
 def test_a_map_transform_has_its_frames_and_the_stamp_of_the_pose(free_port: int) -> None:
@@ -132,17 +125,11 @@ def test_a_map_transform_can_be_queried_with_the_stamp_of_the_newest_pose(free_p
     with connected_output(free_port) as connected:
         for seq in range(6):
             connected.output.on_update(replace(make_update(seq), map=snapshot))
-        wait_until(lambda: seq_of(query(connected.session, KEY)) == 5)
+        wait_until(lambda: queried_seq(connected.session, KEY) == 5)
         (reply,) = query(connected.session, KEY)
     assert reply.ok is not None
     assert attachment_of(reply.ok)["is_localized"] is False
     assert decode_transform(reply.ok.payload.to_bytes()).stamp_s == make_update(5).stamp_s
-
-
-def seq_of(replies: list[zenoh.Reply]) -> int:
-    """Return the number of the pose; -1 for an error reply."""
-    (reply,) = replies
-    return int(attachment_of(reply.ok)["seq"]) if reply.ok else -1
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
@@ -169,7 +156,7 @@ def test_the_frame_names_are_those_of_the_configuration(free_port: int) -> None:
         connected_session(free_port) as session,
     ):
         output.on_update(replace(make_update(0), map=make_map()))
-        wait_until(lambda: seq_of(query(session, KEY)) == 0)
+        wait_until(lambda: queried_seq(session, KEY) == 0)
         (reply,) = query(session, KEY)
     assert reply.ok is not None
     message = decode_transform(reply.ok.payload.to_bytes())

@@ -5,10 +5,11 @@ import json
 import signal
 import subprocess
 import sys
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any
 
 import numpy as np
@@ -17,19 +18,14 @@ import zenoh
 from rosbags.typesys import Stores, get_typestore
 
 from tests.vo_service.outputs.sample_updates import STATUS, make_update
-from vo_service.config_tables import ZenohConfig
+from tests.vo_service.outputs.zenoh.query_helpers import attachment_of, config, connected_session
 from vo_service.outputs.zenoh.output import LIVE_QOS, LOCKSTEP_QOS, ZenohOutput
-from vo_service.outputs.zenoh.session import open_session
 from vo_service.types.odometry_update import OdometryUpdate
 
 pytestmark = pytest.mark.zenoh
 
 READER = Path(__file__).with_name("plain_zenoh_reader.py")
 ROS = get_typestore(Stores.ROS2_JAZZY)
-
-
-def config(port: int, **changes: Any) -> ZenohConfig:
-    return ZenohConfig(listen=(f"tcp/127.0.0.1:{port}",), **changes)
 
 
 @contextmanager
@@ -59,20 +55,10 @@ def read_with_plain_zenoh(
 @contextmanager
 def subscribed(port: int, key: str) -> Iterator[Callable[[], zenoh.Sample]]:
     """Subscribe in this process; yield a function that waits for the next sample."""
-    with open_session(ZenohConfig(listen=(), connect=(f"tcp/127.0.0.1:{port}",))) as session:
-        channel: zenoh.handlers.FifoChannel[zenoh.Sample] = zenoh.handlers.FifoChannel(64)
-        with session.declare_subscriber(key, channel) as subscriber:
-            yield lambda: receive(subscriber.handler)
-
-
-def receive(handler: Any, timeout_s: float = 10.0) -> zenoh.Sample:
-    deadline = threading.Event()
-    for _ in range(int(timeout_s / 0.01)):
-        sample = handler.try_recv()
-        if isinstance(sample, zenoh.Sample):
-            return sample
-        deadline.wait(0.01)
-    raise AssertionError("no sample came")
+    received: SimpleQueue[zenoh.Sample] = SimpleQueue()
+    with connected_session(port) as session:
+        session.declare_subscriber(key, received.put)
+        yield partial(received.get, timeout=10.0)
 
 
 @pytest.mark.subprocess
@@ -124,7 +110,7 @@ def test_the_status_is_json_with_every_field(free_port: int) -> None:
 
 def test_the_liveliness_token_is_there_until_closed(free_port: int) -> None:
     output = ZenohOutput(config(free_port, prefix="robot1/kinect"))
-    with open_session(ZenohConfig(listen=(), connect=config(free_port).listen)) as session:
+    with connected_session(free_port) as session:
         tokens: Any = session.liveliness().get("*/*/alive", timeout=60)
         assert [str(reply.ok.key_expr) for reply in tokens] == ["robot1/kinect/alive"]
         output.close()
@@ -143,10 +129,9 @@ def test_a_pose_that_is_not_finite_is_not_published(
         assert output.wait_for_subscriber(10)
         output.on_update(dataclasses.replace(make_update(0), **bad))
         output.on_update(make_update(1))
-        attachment = next_sample().attachment
+        seq = attachment_of(next_sample())["seq"]
     output.close()
-    assert attachment is not None
-    assert json.loads(attachment.to_bytes())["seq"] == 1
+    assert seq == 1
     assert output.errors == 1
     assert "not finite" in caplog.text
 

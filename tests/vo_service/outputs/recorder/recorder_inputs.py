@@ -20,6 +20,7 @@ from vo_service.types.odometry_update import OdometryUpdate, TrackingState, Whee
 
 CAMERA = PinholeCamera(width=64, height=48, fx=60.0, fy=60.0, cx=31.5, cy=23.5)
 START_S = 1305031453.359684
+SMALL = RecorderConfig(max_mb=20)
 METADATA: Mapping[str, object] = {"versions": {"kinect-vo": "1"}}
 
 
@@ -81,11 +82,10 @@ def make_recorder_status(frames: int = 0) -> Status:
 @contextmanager
 def running_recorder(
     state: Path,
-    settings: RecorderConfig | None = None,
+    settings: RecorderConfig = SMALL,
     wheel_messages: WheelMessageSource = tuple,
 ) -> Iterator[FlightRecorder]:
     """Run a flight recorder while the block runs."""
-    settings = settings or RecorderConfig(max_mb=20)
     recorder = FlightRecorder(settings, state, METADATA, wheel_messages)
     try:
         wait_until(lambda: recorder.is_ready, "the recorder's process")
@@ -128,6 +128,13 @@ def save_incident(recorder: FlightRecorder, reason: str) -> Path:
     wait_until(lambda: not recorder.is_saving, f"{folder}")
     assert folder.exists()
     return folder
+
+
+def incident_of(state: Path, *updates: OdometryUpdate, settings: RecorderConfig = SMALL) -> Path:
+    """Return the folder of an incident with these frames."""
+    with running_recorder(state, settings) as recorder:
+        send_updates(recorder, *updates)
+        return save_incident(recorder, "command")
 
 
 def command_error(call: Callable[[], object]) -> str:

@@ -13,6 +13,9 @@ from drivers.core.geometry import read_trajectory
 from tests.drivers.tum.read_recording import read_recording
 from tests.resource_leaks import resources_in_use
 from tests.vo_service.outputs.recorder.recorder_inputs import (
+    CAMERA,
+    SMALL,
+    incident_of,
     list_incidents,
     make_frame,
     make_recorder_status,
@@ -23,22 +26,18 @@ from tests.vo_service.outputs.recorder.recorder_inputs import (
     wait_for_incident,
 )
 from tests.waiting import wait_until
-from vo_service.config_tables import RecorderConfig
 from vo_service.types.odometry_update import TrackingState
 
 pytestmark = pytest.mark.subprocess
 
-SMALL = RecorderConfig(max_mb=20)
 LOST = TrackingState.LOST
 
 
 def test_a_command_saves_the_last_frames_as_a_folder_that_replays_bit_for_bit(
     tmp_path: Path,
 ) -> None:
-    with running_recorder(tmp_path, SMALL) as recorder:
-        send_updates(recorder, *map(make_update, range(8)))
-        folder = Path(recorder.save("command"))
-        assert wait_for_incident(tmp_path, "command") == folder
+    folder = incident_of(tmp_path, *map(make_update, range(8)))
+    assert list_incidents(tmp_path) == [folder]
     for seq, found in enumerate(read_recording(folder)):
         assert found.stamp_s == make_frame(seq).stamp_s
         assert found.skew_s == pytest.approx(make_frame(seq).skew_s)
@@ -51,11 +50,10 @@ def test_a_command_saves_the_last_frames_as_a_folder_that_replays_bit_for_bit(
 
 
 def test_an_incident_has_the_poses_and_statuses_of_the_service(tmp_path: Path) -> None:
-    with running_recorder(tmp_path, SMALL) as recorder:
+    with running_recorder(tmp_path) as recorder:
         recorder.on_status(make_recorder_status(frames=5))
         send_updates(recorder, *map(make_update, range(4)), make_update(4, LOST))
-        recorder.save("command")
-        folder = wait_for_incident(tmp_path, "command")
+        folder = save_incident(recorder, "command")
     lines = (folder / "poses.jsonl").read_text().splitlines()
     poses_json = [json.loads(line) for line in lines]
     assert [pose["state"] for pose in poses_json] == ["tracking"] * 4 + ["lost"]
@@ -71,10 +69,7 @@ def test_an_incident_has_the_poses_and_statuses_of_the_service(tmp_path: Path) -
 def test_frames_and_poses_of_a_live_camera_have_the_published_stamps(
     tmp_path: Path,
 ) -> None:
-    with running_recorder(tmp_path, SMALL) as recorder:
-        send_updates(recorder, *(make_update(seq, offset_s=1000.0) for seq in range(3)))
-        recorder.save("command")
-        folder = wait_for_incident(tmp_path, "command")
+    folder = incident_of(tmp_path, *(make_update(seq, offset_s=1000.0) for seq in range(3)))
     stamps_s = [found.stamp_s for found in read_recording(folder)]
     assert stamps_s == pytest.approx(
         [make_update(seq).stamp_s + 1000.0 for seq in range(3)], abs=1e-6
@@ -87,40 +82,27 @@ def test_frames_and_poses_of_a_live_camera_have_the_published_stamps(
 
 
 def test_a_clock_that_is_set_back_breaks_neither_frames_nor_poses(tmp_path: Path) -> None:
-    with running_recorder(tmp_path, SMALL) as recorder:
-        send_updates(recorder, make_update(0), make_update(1), make_update(2, offset_s=-3600.0))
-        recorder.save("command")
-        folder = wait_for_incident(tmp_path, "command")
+    folder = incident_of(tmp_path, make_update(0), make_update(1), make_update(2, offset_s=-3600.0))
     assert len(read_recording(folder)) == len(read_trajectory(folder / "trajectory.txt")) == 3
 
 
 def test_only_the_last_seconds_are_written(tmp_path: Path) -> None:
-    with running_recorder(tmp_path, replace(SMALL, seconds=0.51)) as recorder:
-        send_updates(recorder, *map(make_update, range(30)))
-        recorder.save("command")
-        folder = wait_for_incident(tmp_path, "command")
+    short = replace(SMALL, seconds=0.51)
+    folder = incident_of(tmp_path, *map(make_update, range(30)), settings=short)
     stamps_s = [found.stamp_s for found in read_recording(folder)]
     assert stamps_s == pytest.approx([make_update(seq).stamp_s for seq in range(14, 30)], abs=1e-6)
 
 
 def test_only_frames_of_the_last_camera_are_written(tmp_path: Path) -> None:
     other = PinholeCamera(32, 24, 30.0, 30.0, 15.5, 11.5)
-    with running_recorder(tmp_path, SMALL) as recorder:
-        send_updates(
-            recorder,
-            make_update(0),
-            make_update(1),
-            make_update(2, camera=other),
-            make_update(3, camera=other),
-        )
-        recorder.save("command")
-        assert [
-            found.camera for found in read_recording(wait_for_incident(tmp_path, "command"))
-        ] == [other] * 2
+    cameras = (CAMERA, CAMERA, other, other)
+    updates = [make_update(seq, camera=camera) for seq, camera in enumerate(cameras)]
+    folder = incident_of(tmp_path, *updates)
+    assert [found.camera for found in read_recording(folder)] == [other] * 2
 
 
 def test_an_incident_of_a_loss_includes_the_second_after_it(tmp_path: Path) -> None:
-    with running_recorder(tmp_path, SMALL) as recorder:
+    with running_recorder(tmp_path) as recorder:
         send_updates(
             recorder, *map(make_update, range(4)), make_update(4, LOST), make_update(5, LOST)
         )
@@ -135,7 +117,7 @@ def test_an_incident_of_a_loss_includes_the_second_after_it(tmp_path: Path) -> N
 
 
 def test_a_loss_just_before_the_end_is_written(tmp_path: Path) -> None:
-    with running_recorder(tmp_path, SMALL) as recorder:
+    with running_recorder(tmp_path) as recorder:
         send_updates(recorder, make_update(0), make_update(1, LOST))
     assert len(read_recording(wait_for_incident(tmp_path, "lost"))) == 2
 
@@ -147,25 +129,23 @@ def test_incidents_of_losses_can_be_disabled(tmp_path: Path) -> None:
 
 
 def test_a_clean_exit_writes_nothing(tmp_path: Path) -> None:
-    with running_recorder(tmp_path, SMALL):
+    with running_recorder(tmp_path):
         pass  # what is loaded once stays
     before = resources_in_use()
-    with running_recorder(tmp_path, SMALL) as recorder:
+    with running_recorder(tmp_path) as recorder:
         send_updates(recorder, *map(make_update, range(4)))
     assert resources_in_use() <= before
     assert list(tmp_path.iterdir()) == []
 
 
 def test_everything_is_private(tmp_path: Path) -> None:
-    with running_recorder(tmp_path, SMALL) as recorder:
-        send_updates(recorder, make_update(0))
-        folder = save_incident(recorder, "command")
+    folder = incident_of(tmp_path, make_update(0))
     modes = {(path.is_dir(), path.stat().st_mode & 0o777) for path in folder.parent.rglob("*")}
     assert modes == {(True, 0o700), (False, 0o600)}
 
 
 def test_a_due_incident_is_written_despite_another_setting(tmp_path: Path) -> None:
-    with running_recorder(tmp_path, SMALL) as recorder:
+    with running_recorder(tmp_path) as recorder:
         send_updates(recorder, make_update(0), make_update(1, LOST))
         recorder.configure(replace(SMALL, total_mb=1000))
     assert len(read_recording(wait_for_incident(tmp_path, "lost"))) == 2
@@ -187,7 +167,7 @@ def test_quota_and_save_on_loss_can_change_at_run_time(
     tmp_path: Path,
 ) -> None:
     large = PinholeCamera(320, 240, 300.0, 300.0, 159.5, 119.5)
-    with running_recorder(tmp_path, SMALL) as recorder:
+    with running_recorder(tmp_path) as recorder:
         send_updates(recorder, *(make_update(seq, camera=large) for seq in range(4)))
         save_incident(recorder, "first")
         recorder.configure(replace(SMALL, total_mb=1, save_on_loss=False))

@@ -18,13 +18,13 @@ from tests.vo_service.fakes import CollectingOutput, ScriptedCamera
 from tests.vo_service.outputs.recorder.recorder_inputs import (
     make_update,
     running_recorder,
+    save_incident,
     send_updates,
     wait_for_incident,
 )
 from tests.waiting import wait_until
 from vo_service.app import run_replay
 from vo_service.config import Config
-from vo_service.config_tables import RecorderConfig
 from vo_service.frame_source import FrameSource
 from vo_service.outputs.recorder.client import FlightRecorder
 from vo_service.signals import StopSignal
@@ -57,7 +57,7 @@ def test_a_tracking_loss_replays_to_the_published_poses(
 ) -> None:
     frames = read_recording(recording)
     camera = ScriptedCamera([*frames[:7], blinded(frames[7]), *frames[8:]])
-    with running_recorder(tmp_path, RecorderConfig(max_mb=20)) as recorder, camera:
+    with running_recorder(tmp_path) as recorder, camera:
         run_replay(
             Config(),
             camera,
@@ -78,11 +78,10 @@ def test_frames_from_before_a_driver_crash_are_kept(tmp_path: Path) -> None:
     (tmp_path / "script").touch()  # an empty script: the camera works
     make = partial(FileScriptedCamera, tmp_path / "script")
     driver = SubprocessCamera("scripted", Clock.MONOTONIC, make, PlaybackMode.REALTIME)
-    with running_recorder(tmp_path, RecorderConfig(max_mb=20)) as recorder, driver as camera:
+    with running_recorder(tmp_path) as recorder, driver as camera:
         frames = [camera.read(30.0) for _ in range(5)]
         send_updates(recorder, *(replace(make_update(0), frame=frame) for frame in frames))
         os.kill(frames[-1].lost_packets, signal.SIGKILL)
         send_updates(recorder, replace(make_update(0), frame=camera.read(30.0)))
-        recorder.save("command")
-        found = read_recording(wait_for_incident(tmp_path, "command"))
+        found = read_recording(save_incident(recorder, "command"))
     assert [is_intact(frame) for frame in found] == [True] * 6

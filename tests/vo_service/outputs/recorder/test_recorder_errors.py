@@ -12,10 +12,12 @@ from tests.drivers.tum.read_recording import read_recording
 from tests.full_disk import limit_file_size
 from tests.resource_leaks import child_pids
 from tests.vo_service.outputs.recorder.recorder_inputs import (
+    SMALL,
     command_error,
     list_incidents,
     make_update,
     running_recorder,
+    save_incident,
     send_updates,
     wait_for_incident,
 )
@@ -29,7 +31,6 @@ from vo_service.types.outputs import NullRecorder
 
 pytestmark = pytest.mark.subprocess
 
-SMALL = RecorderConfig(max_mb=20)
 LOST = TrackingState.LOST
 
 
@@ -42,14 +43,13 @@ def only_child() -> int:
 def test_a_killed_recorder_process_is_restarted_with_its_frames(
     tmp_path: Path,
 ) -> None:
-    with running_recorder(tmp_path, SMALL) as recorder:
+    with running_recorder(tmp_path) as recorder:
         send_updates(recorder, *map(make_update, range(4)))
         first = only_child()
         os.kill(first, signal.SIGKILL)
         wait_until(lambda: "started again" in recorder.warning)
         wait_until(lambda: recorder.is_ready and first not in child_pids())
-        recorder.save("command")
-        assert len(read_recording(wait_for_incident(tmp_path, "command"))) == 4
+        assert len(read_recording(save_incident(recorder, "command"))) == 4
         assert recorder.warning == ""
 
 
@@ -66,7 +66,7 @@ def test_an_unusable_folder_is_reported_and_the_service_continues(
 
 
 def test_incidents_and_recordings_have_separate_faults(tmp_path: Path) -> None:
-    with running_recorder(tmp_path, SMALL) as recorder:
+    with running_recorder(tmp_path) as recorder:
         send_updates(recorder, make_update(0))
         resource.prlimit(only_child(), resource.RLIMIT_FSIZE, (1000, 1000))
         recorder.save("command")
@@ -83,7 +83,7 @@ def test_incidents_and_recordings_have_separate_faults(tmp_path: Path) -> None:
 
 
 def test_impossible_requests_are_refused_with_the_reason(tmp_path: Path) -> None:
-    with running_recorder(tmp_path, SMALL) as recorder:
+    with running_recorder(tmp_path) as recorder:
         assert command_error(lambda: recorder.save("x")) == "not-possible: no frame has arrived yet"
         assert command_error(recorder.stop_recording) == "not-possible: nothing is being recorded"
         send_updates(recorder, make_update(0))

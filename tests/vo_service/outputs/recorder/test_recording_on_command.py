@@ -17,6 +17,7 @@ from drivers.tum.odometry import read_odometry
 from tests.drivers.tum.read_recording import read_recording
 from tests.resource_leaks import child_pids
 from tests.vo_service.outputs.recorder.recorder_inputs import (
+    SMALL,
     command_error,
     make_frame,
     make_update,
@@ -25,15 +26,12 @@ from tests.vo_service.outputs.recorder.recorder_inputs import (
     send_updates,
 )
 from tests.waiting import wait_until
-from vo_service.config_tables import RecorderConfig
 from vo_service.frame_packing import write_frame
 from vo_service.outputs.recorder import worker as recording_module
 from vo_service.outputs.recorder.messages import RecordingResult
 from vo_service.outputs.recorder.worker import RecordingWriter
 
 pytestmark = pytest.mark.subprocess
-
-SMALL = RecorderConfig(max_mb=20)
 
 
 def has_written(folder: Path, frames: int) -> bool:
@@ -45,7 +43,7 @@ def test_every_frame_between_start_and_stop_is_recorded(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level(logging.INFO)
-    with running_recorder(tmp_path, SMALL) as recorder:
+    with running_recorder(tmp_path) as recorder:
         send_updates(recorder, *map(make_update, range(3)))
         folder = Path(recorder.start_recording("desk"))
         assert recorder.recording == str(folder) == str(tmp_path / "recordings" / "desk")
@@ -68,7 +66,7 @@ def test_the_messages_of_the_wheels_are_recorded_and_in_incidents(tmp_path: Path
         return OdometryRecord(100.0 + number, b"%04d" % number * 180)
 
     sent = iter([[message(2 * k), message(2 * k + 1)] for k in range(5)])
-    with running_recorder(tmp_path, SMALL, lambda: next(sent)) as recorder:
+    with running_recorder(tmp_path, wheel_messages=lambda: next(sent)) as recorder:
         folder = Path(recorder.start_recording("drive"))
         send_updates(recorder, *map(make_update, range(5)))
         recorder.stop_recording()
@@ -79,7 +77,7 @@ def test_the_messages_of_the_wheels_are_recorded_and_in_incidents(tmp_path: Path
 
 def test_of_a_flood_of_messages_the_newest_are_recorded(tmp_path: Path) -> None:
     flood = [OdometryRecord(float(k), b"%04d" % k * 180) for k in range(1000)]
-    with running_recorder(tmp_path, SMALL, lambda: flood) as recorder:
+    with running_recorder(tmp_path, wheel_messages=lambda: flood) as recorder:
         folder = Path(recorder.start_recording("drive"))
         send_updates(recorder, *map(make_update, range(2)))
     kept = list(read_odometry(folder))
@@ -98,14 +96,14 @@ def test_more_frames_than_the_ring_holds_are_recorded(tmp_path: Path) -> None:
 
 
 def test_closing_the_service_completes_a_recording(tmp_path: Path) -> None:
-    with running_recorder(tmp_path, SMALL) as recorder:
+    with running_recorder(tmp_path) as recorder:
         folder = Path(recorder.start_recording("desk"))
         send_updates(recorder, *map(make_update, range(4)))
     assert len(read_recording(folder)) == 4
 
 
 def test_a_recording_without_a_frame_creates_no_folder_and_says_so(tmp_path: Path) -> None:
-    with running_recorder(tmp_path, SMALL) as recorder:
+    with running_recorder(tmp_path) as recorder:
         folder = recorder.start_recording("nothing")
         assert "no frame has arrived since its start" in command_error(recorder.stop_recording)
         assert recorder.start_recording("nothing") == folder
@@ -114,7 +112,7 @@ def test_a_recording_without_a_frame_creates_no_folder_and_says_so(tmp_path: Pat
 
 def test_a_name_that_is_taken_is_rejected(tmp_path: Path) -> None:
     (tmp_path / "recordings" / "old").mkdir(parents=True)
-    with running_recorder(tmp_path, SMALL) as recorder:
+    with running_recorder(tmp_path) as recorder:
         assert "a recording 'old' exists" in command_error(lambda: recorder.start_recording("old"))
         folder = recorder.start_recording("new")
         assert folder in command_error(lambda: recorder.start_recording("newer"))
@@ -122,7 +120,7 @@ def test_a_name_that_is_taken_is_rejected(tmp_path: Path) -> None:
 
 def test_another_camera_ends_the_recording_with_a_reason(tmp_path: Path) -> None:
     other = PinholeCamera(32, 24, 30.0, 30.0, 15.5, 11.5)
-    with running_recorder(tmp_path, SMALL) as recorder:
+    with running_recorder(tmp_path) as recorder:
         folder = Path(recorder.start_recording("desk"))
         send_updates(recorder, make_update(0), make_update(1), make_update(2, camera=other))
         wait_until(lambda: recorder.recording == "")
@@ -131,7 +129,7 @@ def test_another_camera_ends_the_recording_with_a_reason(tmp_path: Path) -> None
 
 
 def test_a_dead_recorder_process_ends_the_recording_with_a_reason(tmp_path: Path) -> None:
-    with running_recorder(tmp_path, SMALL) as recorder:
+    with running_recorder(tmp_path) as recorder:
         folder = Path(recorder.start_recording("desk"))
         send_updates(recorder, *map(make_update, range(4)))
         wait_until((folder / "associations.txt").exists)

@@ -152,25 +152,3 @@ def test_an_unchanged_map_is_drawn_again_occasionally_for_late_viewers(tmp_path:
     counted = count_rows(path)
     assert counted["/world/map/keyframes"] == 3  # 250 pictures
     assert counted["/world/map/latest"] == 250
-
-
-@pytest.mark.rerun
-def test_the_next_file_has_the_map_too(tmp_path: Path) -> None:
-    path = tmp_path / "out.rrd"
-    snapshot = make_map()
-    noisy = [replace(make_update(seq), map=snapshot) for seq in range(0, 300, 3)]
-    draw(SmallFile(path), noisy)
-    files = sorted(tmp_path.glob("*.rrd"))
-    assert len(files) > 1
-    assert all(count_rows(file)["/world/map/keyframes"] == 1 for file in files)
-
-
-class SmallFile(RrdFileSink):
-    """File that is full after its first second."""
-
-    _checks = 0
-
-    def is_full(self) -> bool:
-        """Return True once, after thirty results."""
-        self._checks += 1
-        return self._checks == 30

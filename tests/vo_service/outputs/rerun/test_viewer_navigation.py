@@ -10,8 +10,6 @@ import pytest
 from drivers.core.geometry import inverse, rigid_transform, so3_exp, transform_points
 from tests.vo_service.navigation.views import mounted, update_of, wall_on_floor
 from tests.vo_service.outputs.rerun.rerun_recording import count_rows, draw, read_column
-from tests.vo_service.outputs.rerun.test_viewer_map import SmallFile
-from tests.vo_service.outputs.sample_updates import make_update
 from vo_service.config_tables import ScanConfig
 from vo_service.navigation.frame_scans import FrameScans
 from vo_service.outputs.rerun.sinks import RrdFileSink
@@ -100,14 +98,3 @@ def test_the_grid_of_a_loaded_map_moves_to_where_the_robot_finds_itself(tmp_path
     assert len(drawn) == 2
     in_map = transform_points(T_map_odom, in_odom(drawn[1], updates[1]))
     np.testing.assert_allclose(in_map, grid.centers_m(OCCUPIED), atol=1e-5)
-
-
-def test_the_next_file_has_the_grid_too(tmp_path: Path) -> None:
-    grid = grid_at(1.0)
-    draw(
-        SmallFile(tmp_path / "a.rrd"),
-        [replace(make_update(seq), grid=grid) for seq in range(0, 300, 3)],
-    )
-    files = sorted(tmp_path.glob("*.rrd"))
-    assert len(files) > 1
-    assert all(count_rows(file)[f"{GRID}/occupied"] == 1 for file in files)

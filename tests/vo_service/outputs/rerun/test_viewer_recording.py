@@ -14,10 +14,12 @@ from tests.vo_service.outputs.rerun.rerun_recording import (
     read_column,
 )
 from tests.vo_service.outputs.sample_updates import STATUS, make_update
+from tests.vo_service.sample_map import make_map
 from vo_service.outputs.rerun.messages import TextLog
 from vo_service.outputs.rerun.scene import back_project
 from vo_service.outputs.rerun.sinks import RrdFileSink
 from vo_service.types.estimate import OnlineTiming
+from vo_service.types.occupancy_grid import OCCUPIED, OccupancyGrid
 from vo_service.types.odometry_update import OdometryUpdate
 
 pytestmark = pytest.mark.rerun
@@ -106,6 +108,28 @@ def test_truth_of_another_time_is_not_drawn(tmp_path: Path) -> None:
     ground_truth = Trajectory(np.array([1.0, 2.0]), np.array([np.eye(4), np.eye(4)]))
     record(path, [make_update(0)], ground_truth)
     assert count_rows(path)["/world/ground_truth"] == 0
+
+
+class SmallFile(RrdFileSink):
+    """File that is full after its first second."""
+
+    _checks = 0
+
+    def is_full(self) -> bool:
+        """Return True once, after thirty results."""
+        self._checks += 1
+        return self._checks == 30
+
+
+def test_the_next_file_has_the_map_and_the_grid_too(tmp_path: Path) -> None:
+    grid = OccupancyGrid(np.full((1, 1), OCCUPIED, np.int8), 0.1, (1.0, 2.0))
+    snapshot = make_map()
+    updates = [replace(make_update(seq), map=snapshot, grid=grid) for seq in range(0, 300, 3)]
+    draw(SmallFile(tmp_path / "a.rrd"), updates)
+    files = sorted(tmp_path.glob("*.rrd"))
+    assert len(files) > 1
+    for entity in ("/world/map/keyframes", "/world/grid/occupied"):
+        assert all(count_rows(file)[entity] == 1 for file in files)
 
 
 def test_only_changes_of_state_are_recorded(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ from tests.simulators.kinect_simulator import KinectSimulator
 SONAME = "libfreenect.so.0.5"
 CAMERA, MOTOR_AND_CAMERA = 2, 3
 DEPTH_RAW, DEPTH_REGISTERED, DEPTH_MM = 0, 4, 5
-VIDEO_RGB, VIDEO_INFRARED_8 = 0, 2
+VIDEO_RGB = 0
 _LOG_INFO = 4
 
 
@@ -77,7 +77,7 @@ class FreenectProbe:
         open_result: What opening the device returned; negative is a failure.
         device_count: Number of devices that libfreenect sees.
         depth: Frames of the depth stream.
-        video: Frames of the color or infrared stream.
+        video: Frames of the color stream.
         log: Lines that libfreenect logged.
         on_depth: Called within libfreenect's callback of each depth frame.
     """

@@ -57,9 +57,7 @@ class KinectControl(ctypes.Structure):
         ("rate", c_uint32),
         ("loop", c_uint32),
         ("start_ticks", c_uint32),
-        ("clock_error_ppm", c_int32),
         ("tilt_deg_per_s", c_uint32),
-        ("start_delay_ns", c_uint64),
         ("acceleration", c_int32 * 3),
         ("tilt_from_deg", c_int32),
         ("tilt_to_deg", c_int32),
@@ -97,16 +95,3 @@ class ControlField:
 
     def __set__(self, owner: Any, value: int) -> None:
         setattr(owner._control, self._field, value)
-
-
-class SecondsField:
-    """An attribute in seconds that is a field of `self._control` in nanoseconds."""
-
-    def __init__(self, field: str) -> None:
-        self._field = field
-
-    def __get__(self, owner: Any, owner_type: type | None = None) -> float:
-        return float(getattr(owner._control, self._field) / 1e9)
-
-    def __set__(self, owner: Any, value_s: float) -> None:
-        setattr(owner._control, self._field, round(value_s * 1e9))

@@ -10,9 +10,9 @@ file. This process: `activate` does the same; call it before libfreenect or pyus
 first time. Each test may have its own Kinect: programs see the one activated last when they list
 the bus the next time.
 
-Settings, before streaming: rate, loop, start_ticks, start_delay_s, color_offset_s,
-clock_error_ppm, tilt_deg_per_s, waits_for_reader; at any time: set_accelerometer, rewind. Faults
-are in `KinectFaultControls`, readings in `KinectReadings`.
+Settings, before streaming: rate, loop, start_ticks, color_offset_s, tilt_deg_per_s,
+waits_for_reader; at any time: set_accelerometer, rewind. Faults are in `KinectFaultControls`,
+readings in `KinectReadings`.
 
 Playback begins with frame 0 when the first stream is switched on, and continues even while the
 Kinect is unplugged. A program receives `quantize_mm(depth_mm, frames.scale)` (raw_depth.py) and the
@@ -29,7 +29,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from tests.simulators.kinect_control import ControlField, SecondsField, create_control
+from tests.simulators.kinect_control import ControlField, create_control
 from tests.simulators.kinect_faults import (
     KinectFaultControls,
     KinectLed,
@@ -83,9 +83,7 @@ class KinectSimulator(KinectFaultControls, KinectReadings):
         rate: Frames per second: a divisor of 60 million, at most 30.
         loop: A `LoopMode`, or True for REPEAT and False for ONCE.
         start_ticks: Value of its 60 MHz clock at the first frame after plugging in.
-        start_delay_s: From the command to stream until the first frame begins.
         color_offset_s: How much later than depth a color frame begins, also in its stamp.
-        clock_error_ppm: How much too fast its clock runs.
         tilt_deg_per_s: Speed of the motor.
         waits_for_reader: True: a late program loses no packets. False: packets are lost after
             32 ms, as on a real bus.
@@ -94,8 +92,6 @@ class KinectSimulator(KinectFaultControls, KinectReadings):
     rate = ControlField("rate")
     loop = ControlField("loop")
     start_ticks = ControlField("start_ticks")
-    start_delay_s = SecondsField("start_delay_ns")
-    clock_error_ppm = ControlField("clock_error_ppm")
     tilt_deg_per_s = ControlField("tilt_deg_per_s")
     waits_for_reader = ControlField("waits_for_reader")
 
@@ -129,7 +125,6 @@ class KinectSimulator(KinectFaultControls, KinectReadings):
         self._write_description(registration)
         self.rate = 30
         self.loop = LoopMode.REPEAT
-        self.start_delay_s = 0.1
         self.tilt_deg_per_s = 30
         self.set_firmware_loaded(True)
         self.set_accelerometer(0, COUNTS_PER_G, 0)

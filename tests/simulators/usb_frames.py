@@ -1,7 +1,7 @@
-"""Frames in a Kinect's USB format: packed 11-bit depth, Bayer color, packed 10-bit infrared."""
+"""Frames in a Kinect's USB format: packed 11-bit depth and Bayer color."""
 
 import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from tests.simulators.raw_depth import NOMINAL, RawDepthScale, mm_to_raw
 
 ROWS, COLUMNS = 480, 640
-INFRARED_ROWS = 488
-DEPTH_BITS, INFRARED_BITS = 11, 10
+DEPTH_BITS = 11
 _MAGIC = 0x4D4C464B
 HEADER_BYTES = 64
 
@@ -32,7 +31,6 @@ class UsbFrames:
 def write_usb_frames(
     folder: Path,
     frames: Iterable[tuple[ColorBgr, DepthMm]],
-    infrared: Sequence[NDArray[np.uint16]] = (),
     scale: RawDepthScale = NOMINAL,
 ) -> UsbFrames:
     """Write frames to a new file in `folder`.
@@ -41,25 +39,21 @@ def write_usb_frames(
         folder: Folder of the file.
         frames: Color (480, 640, 3) uint8 BGR, and depth (480, 640) uint16 in millimeters with 0 for
             no reading.
-        infrared: No images, or one for each frame: (488, 640) uint16 below 1024.
         scale: Constants of the simulated Kinect; `fit_scale` finds those of a recording.
     """
     file = folder / f"frames-{len(list(folder.glob('frames-*')))}.bin"
-    infrared_bytes = INFRARED_ROWS * COLUMNS * INFRARED_BITS // 8 if len(infrared) else 0
     count = 0
     with file.open("wb") as stream:
         stream.write(bytes(HEADER_BYTES))
-        for count, (bgr, depth_mm) in enumerate(frames, start=1):
+        for bgr, depth_mm in frames:
+            count += 1
             _check_shape(depth_mm, (ROWS, COLUMNS))
             _check_shape(bgr, (ROWS, COLUMNS, 3))
             stream.write(pack_bits(mm_to_raw(depth_mm, scale), DEPTH_BITS).tobytes())
             stream.write(to_bayer(bgr).tobytes())
-            if infrared_bytes:
-                _check_shape(infrared[count - 1], (INFRARED_ROWS, COLUMNS))
-                stream.write(pack_bits(infrared[count - 1], INFRARED_BITS).tobytes())
-        sizes = (ROWS * COLUMNS * DEPTH_BITS // 8, ROWS * COLUMNS, infrared_bytes)
+        sizes = (ROWS * COLUMNS * DEPTH_BITS // 8, ROWS * COLUMNS)
         stream.seek(0)
-        stream.write(struct.pack("<5I", _MAGIC, count, *sizes))
+        stream.write(struct.pack("<4I", _MAGIC, count, *sizes))
     return UsbFrames(file, count, scale)
 
 

@@ -1,6 +1,5 @@
 """Scan and occupancy grid against rosbags' own serializer."""
 
-from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -8,9 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from rosbags.typesys import Stores, get_typestore
 
-from drivers.ros_messages.cdr import CDR_HEADER, split_stamp
+from drivers.ros_messages.cdr import split_stamp
 from drivers.ros_messages.decoding import decode_laser_scan, decode_occupancy_grid
 from drivers.ros_messages.navigation import (
     OCCUPANCY_GRID_SCHEMA,
@@ -18,8 +16,8 @@ from drivers.ros_messages.navigation import (
     encode_occupancy_grid,
 )
 from drivers.ros_messages.sensors import LASER_SCAN_SCHEMA, LaserScanMessage, encode_laser_scan
+from tests.drivers.ros_messages.rosbags_reader import read_with_rosbags
 
-ROS = get_typestore(Stores.ROS2_JAZZY)
 frame_ids = st.text(st.characters(codec="utf-8", exclude_characters="\x00"), max_size=30)
 stamps = st.floats(0.0, 2.0**31 - 1)
 angles = st.floats(-3.0, 3.0, width=32)
@@ -47,8 +45,7 @@ def test_a_scan(
     ranges = data.draw(arrays(np.float32, count))
     message = example(ranges, stamp_s=stamp_s, frame_id=frame_id, angle_min_rad=angle)
     encoded = encode_laser_scan(message)
-    ros: Any = ROS.deserialize_cdr(encoded, LASER_SCAN_SCHEMA)
-    assert bytes(ROS.serialize_cdr(ros, LASER_SCAN_SCHEMA)) == encoded
+    ros = read_with_rosbags(encoded, LASER_SCAN_SCHEMA)
     assert (ros.header.stamp.sec, ros.header.stamp.nanosec) == split_stamp(stamp_s)
     assert ros.header.frame_id == frame_id
     np.testing.assert_array_equal(ros.ranges, ranges)
@@ -69,8 +66,7 @@ cells = arrays(np.int8, st.tuples(st.integers(0, 9), st.integers(0, 9)))
 def test_a_grid(stamp_s: float, frame_id: str, x: float, cells: Any) -> None:
     message = OccupancyGridMessage(stamp_s, frame_id, 0.0625, (x, -x), cells)
     encoded = encode_occupancy_grid(message)
-    ros: Any = ROS.deserialize_cdr(encoded, OCCUPANCY_GRID_SCHEMA)
-    assert bytes(ROS.serialize_cdr(ros, OCCUPANCY_GRID_SCHEMA)) == encoded
+    ros = read_with_rosbags(encoded, OCCUPANCY_GRID_SCHEMA)
     assert (ros.info.height, ros.info.width) == cells.shape
     assert (ros.info.origin.position.x, ros.info.origin.position.y) == (x, -x)
     assert (ros.info.origin.orientation.z, ros.info.origin.orientation.w) == (0.0, 1.0)
@@ -80,13 +76,6 @@ def test_a_grid(stamp_s: float, frame_id: str, x: float, cells: Any) -> None:
     np.testing.assert_array_equal(decoded.cells, cells)
     assert decoded.origin_xy_m == (x, -x)
     assert decoded.resolution_m == 0.0625
-
-
-@given(st.binary(max_size=150))
-def test_any_bytes_give_a_message_or_a_value_error(body: bytes) -> None:
-    for decode in (decode_laser_scan, decode_occupancy_grid):
-        with suppress(ValueError):
-            decode(CDR_HEADER + body)
 
 
 def test_truncated_messages_are_rejected() -> None:

@@ -56,7 +56,6 @@ static bool load_recording(struct recording *recording, const char *path)
     recording->count = get32(bytes + 4);
     recording->depth_bytes = get32(bytes + 8);
     recording->video_bytes = get32(bytes + 12);
-    recording->infrared_bytes = get32(bytes + 16);
     recording->frames = bytes + RECORDING_HEADER_BYTES;
     return recording->count > 0;
 }

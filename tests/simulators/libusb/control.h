@@ -60,9 +60,7 @@ struct control {
     uint32_t rate;          /* frames per second */
     uint32_t loop;          /* what follows the last frame: enum loop */
     uint32_t start_ticks;   /* the 60 MHz clock at the first frame after power on */
-    int32_t clock_error_ppm;
     uint32_t tilt_deg_per_s;
-    uint64_t start_delay_ns; /* from the command to stream until the first frame */
 
     /* State of the hardware. */
     int32_t acceleration[3]; /* counts, 819 per g, in the order and signs of the wire */

@@ -16,7 +16,7 @@ enum { MICROFRAME_NS = 125000 }; /* USB 2: one isochronous packet per endpoint i
 /* The frames in USB format, from a file of usb_frames.py. */
 struct recording {
     const uint8_t *frames;
-    uint32_t count, depth_bytes, video_bytes, infrared_bytes;
+    uint32_t count, depth_bytes, video_bytes;
 };
 
 struct kinect {

@@ -11,10 +11,11 @@
 
 enum { HEADER_BYTES = 12 };
 enum { FIRST = 1, MIDDLE = 2, LAST = 5 }; /* in the low half of the flag */
-enum { REGISTER_VIDEO = 0x05, REGISTER_DEPTH = 0x06, VIDEO_INFRARED = 3 };
+enum { REGISTER_VIDEO = 0x05, REGISTER_DEPTH = 0x06 };
 enum { TICKS_PER_S = 60000000 };
 enum { PAGE_BYTES = 4096 };
 #define NS_PER_S 1000000000
+#define START_DELAY_NS 100000000 /* from the command to stream until the first frame */
 
 /* One stream's part of a frame of the recording. */
 struct picture {
@@ -41,7 +42,7 @@ static int64_t frame_at(const volatile struct control *control, enum stream stre
 void stream_switched_on(struct kinect *kinect, enum stream stream)
 {
     volatile struct control *control = kinect->control;
-    uint64_t now = now_ns(), begins = now + control->start_delay_ns;
+    uint64_t now = now_ns(), begins = now + START_DELAY_NS;
     bool fresh = control->playback_start_ns == 0 || control->playback_start_ns > now;
     if (fresh)
         control->playback_start_ns = begins;
@@ -54,8 +55,7 @@ static uint32_t stamp_of(const volatile struct control *control, enum stream str
 {
     int64_t whole = (frame - control->clock_start_frame) * (TICKS_PER_S / control->rate);
     int64_t offset = (int64_t)control->streams[stream].offset_ns * (TICKS_PER_S / 1000000) / 1000;
-    int64_t drift = whole * control->clock_error_ppm / 1000000;
-    return control->start_ticks + (uint32_t)(whole + offset + drift);
+    return control->start_ticks + (uint32_t)(whole + offset);
 }
 
 /* Index in the recording of a frame of the playback; -1 for none. */
@@ -74,7 +74,7 @@ static int64_t recorded_frame(const struct kinect *kinect, int64_t frame)
 
 static size_t frame_bytes(const struct recording *recording)
 {
-    return (size_t)recording->depth_bytes + recording->video_bytes + recording->infrared_bytes;
+    return (size_t)recording->depth_bytes + recording->video_bytes;
 }
 
 static struct picture picture_of(const struct kinect *kinect, enum stream stream, int64_t frame)
@@ -82,13 +82,9 @@ static struct picture picture_of(const struct kinect *kinect, enum stream stream
     const struct recording *recording = &kinect->recording;
     const uint8_t *start =
         recording->frames + (size_t)recorded_frame(kinect, frame) * frame_bytes(recording);
-    bool infrared = kinect->control->registers[REGISTER_VIDEO] == VIDEO_INFRARED;
     if (stream == DEPTH)
         return (struct picture){start, recording->depth_bytes, 1748, 0x70};
-    start += recording->depth_bytes;
-    if (!infrared)
-        return (struct picture){start, recording->video_bytes, 1908, 0x80};
-    return (struct picture){start + recording->video_bytes, recording->infrared_bytes, 1908, 0x80};
+    return (struct picture){start + recording->depth_bytes, recording->video_bytes, 1908, 0x80};
 }
 
 static bool is_sent(const struct kinect *kinect, enum stream stream, int64_t frame)

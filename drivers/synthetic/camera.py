@@ -8,9 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from drivers.camera import (
-    CameraCounters,
-    CameraState,
-    CameraStatus,
     Clock,
     EndOfStream,
     FrameTimeout,
@@ -24,10 +21,10 @@ from drivers.faulty_camera import FaultKind, FaultyCamera
 from drivers.pacing import HOST_CLOCK, HostClock, make_pacer
 from drivers.synthetic.config import MotionKind, SyntheticConfig
 from drivers.synthetic.driven_camera import DrivenCamera
-from drivers.synthetic.frame_maker import FrameMaker
 from drivers.synthetic.frame_provider import FrameProvider
 from drivers.synthetic.motions import make_motion
 from drivers.synthetic.room import ROOM_HEIGHT_M
+from drivers.synthetic.virtual_camera import VirtualCamera
 
 FIRST_STAMP_S = 1000.0  # in lockstep
 
@@ -35,7 +32,7 @@ FIRST_STAMP_S = 1000.0  # in lockstep
 POLL_PERIOD_S = 0.02
 
 
-class SyntheticCamera(RgbdCamera):
+class SyntheticCamera(VirtualCamera):
     """A camera in a virtual room, see `SyntheticConfig`. Stamps are exact to the microsecond.
 
     In lockstep, stamps start at a fixed value: two runs give the same bytes. Live, frames that are
@@ -61,27 +58,20 @@ class SyntheticCamera(RgbdCamera):
         threads: int = 0,
         host: HostClock = HOST_CLOCK,
     ) -> None:
-        self.name = "synthetic"
-        self._config = config
+        self._motion = make_motion(config, ROOM_HEIGHT_M)
+        super().__init__(config, self._motion)
         self._host = host
-        latency_s = config.timing.readout_s / 2 + max(config.timing.skew_s, 0.0)
         self._is_live = playback_mode is PlaybackMode.REALTIME
         self.clock = Clock.MONOTONIC if self._is_live else Clock.RECORDED
         count = sys.maxsize if config.loop else config.frame_count
-        self._pacer = make_pacer(
-            playback_mode, lambda seq: seq / config.rate_hz + latency_s, count, host
-        )
-        self._motion = make_motion(config, ROOM_HEIGHT_M)
-        self._frames = FrameMaker(config, self._motion)
+        self._pacer = make_pacer(playback_mode, self._due_s, count, host)
         self._last_seq = count - 1
         rate_hz = config.rate_hz if self._is_live else 0.0
         self._frame_provider = FrameProvider(config, folder, rate_hz, threads)
         self._unplugs = [each for each in config.faults if each.kind is FaultKind.UNPLUGGED]
         self._pending_unplugs = list(self._unplugs)
-        self._is_open = self._is_disconnected = self._has_started = False
-        self._next_seq = 0
+        self._is_disconnected = self._has_started = False
         self._reconnect_time_s = 0.0
-        self._counters = CameraCounters()
 
     def prepare(self) -> None:
         """Start painting the room."""
@@ -103,8 +93,7 @@ class SyntheticCamera(RgbdCamera):
         self._is_open, self._is_disconnected = True, False
 
     def read(self, timeout_s: float) -> RgbdFrame:
-        if not self._is_open:
-            raise CameraLostError("synthetic camera: not open; use `with`, or call open()")
+        self._check_open()
         self._wait_for_start(timeout_s)
         deadline_s = self._host.now_s() + timeout_s
         while True:
@@ -119,23 +108,18 @@ class SyntheticCamera(RgbdCamera):
                 if self._remaining_s(deadline_s) <= 0.0:
                     raise FrameTimeout
                 continue
-            self._counters += CameraCounters(delivered=1, dropped=seq - self._next_seq)
-            self._next_seq = seq + 1
-            return self._make_frame(seq)
+            self._count_delivered(seq)
+            images = self._frame_provider.read(seq)
+            receive_time_s = self._pacer.receive_time_s(seq)
+            return self._make_frame(seq, self._stamp_s(seq), receive_time_s, images)
 
     def close(self) -> None:
         self._is_open = False
         self._frame_provider.close()
 
     @property
-    def status(self) -> CameraStatus:
-        if self._is_open and not self._has_started:
-            return CameraStatus(CameraState.STARTING, "preparing its room")
-        return CameraStatus(CameraState.STREAMING)
-
-    @property
-    def counters(self) -> CameraCounters:
-        return self._counters
+    def _is_preparing(self) -> bool:
+        return not self._has_started
 
     @property
     def frame_count(self) -> int | None:
@@ -175,11 +159,6 @@ class SyntheticCamera(RgbdCamera):
         self._next_seq = fault.first + round(fault.seconds * self._config.rate_hz)
         self._is_open, self._is_disconnected = False, True
         raise CameraLostError("synthetic camera: unplugged by a configured fault; open it again")
-
-    def _make_frame(self, seq: int) -> RgbdFrame:
-        images = self._frame_provider.read(seq)
-        receive_time_s = self._pacer.receive_time_s(seq)
-        return self._frames.make(seq, self._stamp_s(seq), receive_time_s, images)
 
     def _stamp_s(self, seq: int) -> float:
         """Stamp of a frame in whole microseconds."""

@@ -10,15 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.camera import (
-    CameraCounters,
-    CameraState,
-    CameraStatus,
-    Clock,
-    FrameTimeout,
-    RgbdCamera,
-    RgbdFrame,
-)
+from drivers.camera import Clock, FrameTimeout, RgbdFrame
 from drivers.core import CameraLostError, InputError
 from drivers.core.geometry import Array, Trajectory
 from drivers.core.memory import release_memory
@@ -26,8 +18,8 @@ from drivers.core.queues import DropOldestQueue
 from drivers.pacing import RealtimePacer
 from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.driven_motion import DrivenMotion
-from drivers.synthetic.frame_maker import FrameMaker
 from drivers.synthetic.renderer import Renderer, RoomModel
+from drivers.synthetic.virtual_camera import VirtualCamera
 
 # The renderer looks this often whether the camera is closed.
 TICK_S = 0.2
@@ -44,7 +36,7 @@ class _DrivenFrame:
     T_world_camera: Array
 
 
-class DrivenCamera(RgbdCamera):
+class DrivenCamera(VirtualCamera):
     """A live camera in a virtual room, on a base that `set_velocity` drives.
 
     A thread renders each frame when it is due, where the base is then. Frames that are due while it
@@ -58,19 +50,13 @@ class DrivenCamera(RgbdCamera):
     clock = Clock.MONOTONIC
 
     def __init__(self, config: SyntheticConfig) -> None:
-        self.name = "synthetic"
-        self._config = config
         self._motion = DrivenMotion(config)
-        self._frames = FrameMaker(config, self._motion)
-        latency_s = config.timing.readout_s / 2 + max(config.timing.skew_s, 0.0)
-        self._pacer = RealtimePacer(lambda seq: seq / config.rate_hz + latency_s, sys.maxsize)
+        super().__init__(config, self._motion)
+        self._pacer = RealtimePacer(self._due_s, sys.maxsize)
         self._renderer: Renderer | None = None
         self._thread: threading.Thread | None = None
         self._opened, self._stop = threading.Event(), threading.Event()
         self._queue: DropOldestQueue[_DrivenFrame] = DropOldestQueue(1)
-        self._is_open = False
-        self._next_seq = 0
-        self._counters = CameraCounters()
         self._truth: deque[tuple[float, Array]] = deque(maxlen=MAX_TRUE_POSES)
 
     def prepare(self) -> None:
@@ -91,16 +77,14 @@ class DrivenCamera(RgbdCamera):
         self._is_open = True
 
     def read(self, timeout_s: float) -> RgbdFrame:
-        if not self._is_open:
-            raise CameraLostError("synthetic camera: not open; use `with`, or call open()")
+        self._check_open()
         try:
             newest = self._queue.get(timeout_s)
         except TimeoutError:
             raise FrameTimeout from None
         frame = newest.frame
         self._truth.append((frame.stamp_s, newest.T_world_camera))
-        self._counters += CameraCounters(delivered=1, dropped=frame.seq - self._next_seq)
-        self._next_seq = frame.seq + 1
+        self._count_delivered(frame.seq)
         return frame
 
     def close(self) -> None:
@@ -123,14 +107,8 @@ class DrivenCamera(RgbdCamera):
             self._motion.drive(now_s, forward_m_s, yaw_rad_s)
 
     @property
-    def status(self) -> CameraStatus:
-        if self._is_open and self._pacer.start_s == math.inf:
-            return CameraStatus(CameraState.STARTING, "preparing its room")
-        return CameraStatus(CameraState.STREAMING)
-
-    @property
-    def counters(self) -> CameraCounters:
-        return self._counters
+    def _is_preparing(self) -> bool:
+        return self._pacer.start_s == math.inf
 
     @property
     def ground_truth(self) -> Trajectory | None:
@@ -172,13 +150,13 @@ class DrivenCamera(RgbdCamera):
                 seq = self._pacer.wait_until_due(seq, TICK_S)
             except FrameTimeout:
                 continue
-            queue.put(self._make_frame(seq, renderer))
+            queue.put(self._render_frame(seq, renderer))
             seq += 1
 
-    def _make_frame(self, seq: int, renderer: Renderer) -> _DrivenFrame:
+    def _render_frame(self, seq: int, renderer: Renderer) -> _DrivenFrame:
         time_s = seq / self._config.rate_hz
         stamp_s = round(self._pacer.start_s + time_s, 6)
         images = renderer.render(seq)
-        frame = self._frames.make(seq, stamp_s, self._pacer.receive_time_s(seq), images)
+        frame = self._make_frame(seq, stamp_s, self._pacer.receive_time_s(seq), images)
         (T_world_camera,) = self._motion.poses(np.array([time_s]))
         return _DrivenFrame(frame, T_world_camera)

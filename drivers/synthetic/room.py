@@ -11,11 +11,11 @@ from drivers.synthetic.furniture import Solids, random_print
 from drivers.synthetic.prints import page, picture, poster
 from drivers.synthetic.solids import Solid, SolidKind, make_solid
 from drivers.synthetic.textures import (
-    Paint,
     TexturePainter,
     bricks,
     collage,
     fabric,
+    fixed_seed,
     flat_color,
     plaster,
     random_color,
@@ -27,6 +27,7 @@ PANEL_M = 0.02
 CARPET_M = 0.005
 # The row along the second wall keeps this distance from the corner for the row along the first.
 ROW_CLEARANCE_M = 0.75
+CORNER_PRINTS = (poster(), poster(), picture(), page(0.05))
 HALF_TURN = rigid_transform(so3_exp([0.0, 0.0, np.pi]), (0.0, 0.0, 0.0))
 
 
@@ -45,7 +46,7 @@ def make_aliased_corners(
     corner = rigid_transform(np.eye(3), (*half_m, 0.0))
     for number, solid in enumerate(_make_corner(rng, height_m)):
         textures = tuple(
-            _with_fixed_seed((seed, 11, number, face), texture)
+            fixed_seed(texture, (seed, 11, number, face))
             for face, texture in enumerate(solid.textures)
         )
         here = replace(solid.transform(corner), textures=textures)
@@ -65,13 +66,10 @@ def _make_corner(rng: np.random.Generator, height_m: float) -> Solids:
     paint = plaster(random_color(rng, 0.25, 130.0, 220.0))
     rug = fabric(random_color(rng), random_color(rng))
     sheets = [(picture(), 0.3), (page(0.05), 0.25), (page(), 0.25)]
+    walls = [_hang_pictures(rng, paint, CORNER_PRINTS, 6, (0.3, 0.7)) for _ in range(2)]
     solids = [
-        make_solid(
-            (middle, 0, height_m / 2), (size, PANEL_M, height_m), _hang_pictures(rng, paint)
-        ),
-        make_solid(
-            (0, middle, height_m / 2), (PANEL_M, size, height_m), _hang_pictures(rng, paint)
-        ),
+        make_solid((middle, 0, height_m / 2), (size, PANEL_M, height_m), walls[0]),
+        make_solid((0, middle, height_m / 2), (PANEL_M, size, height_m), walls[1]),
         make_solid((middle, middle, 0), (size, size, 2 * CARPET_M), collage(rug, sheets, 1.5)),
     ]
     solids += _place_against_wall(furniture.desk(rng), -1.6, 0.0)
@@ -81,9 +79,14 @@ def _make_corner(rng: np.random.Generator, height_m: float) -> Solids:
     return solids
 
 
-def _hang_pictures(rng: np.random.Generator, wall: TexturePainter) -> TexturePainter:
-    prints: tuple[TexturePainter, ...] = (poster(), poster(), picture(), page(0.05))
-    pictures = [(prints[rng.integers(len(prints))], rng.uniform(0.3, 0.7)) for _ in range(6)]
+def _hang_pictures(
+    rng: np.random.Generator,
+    wall: TexturePainter,
+    prints: tuple[TexturePainter, ...],
+    count: int,
+    sizes_m: tuple[float, float],
+) -> TexturePainter:
+    pictures = [(prints[rng.integers(len(prints))], rng.uniform(*sizes_m)) for _ in range(count)]
     return collage(wall, pictures, 0.06)
 
 
@@ -93,15 +96,6 @@ def _place_against_wall(piece: Solids, along_m: float, yaw_rad: float) -> Solids
     x, y = (along_m, -away_m) if yaw_rad == 0.0 else (-away_m, along_m)
     place = rigid_transform(so3_exp([0.0, 0.0, yaw_rad]), (x, y, CARPET_M))
     return [solid.transform(place) for solid in piece]
-
-
-def _with_fixed_seed(key: tuple[int, ...], painter: TexturePainter) -> TexturePainter:
-    """Make a painter paint the same image every time."""
-
-    def paint(rng: np.random.Generator, height: int, width: int, texel_m: float) -> Paint:
-        return painter(np.random.default_rng(key), height, width, texel_m)
-
-    return paint
 
 
 ROOM_HEIGHT_M = 2.7
@@ -154,9 +148,7 @@ def _make_shell(rng: np.random.Generator, half_m: Array, bare_wall: bool) -> Sol
 def _make_wall_texture(rng: np.random.Generator) -> TexturePainter:
     paint = random_color(rng, 0.25, 130.0, 220.0)
     ground = bricks((70.0, 90.0, 150.0)) if rng.uniform() < 0.3 else plaster(paint)
-    prints: tuple[TexturePainter, ...] = (poster(), poster(), picture(), page(0.05), page())
-    pictures = [(prints[rng.integers(len(prints))], rng.uniform(0.2, 0.8)) for _ in range(9)]
-    return collage(ground, pictures, 0.06)
+    return _hang_pictures(rng, ground, (*CORNER_PRINTS, page()), 9, (0.2, 0.8))
 
 
 def _make_center_furniture(rng: np.random.Generator) -> Solids:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from drivers.core.geometry import Array
 from drivers.synthetic.lighting import compute_face_brightness
 from drivers.synthetic.solids import FACES, Solid, SolidArrays, SolidKind
+from drivers.synthetic.textures import Face
 
 MIP_LEVELS = 9
 MAX_FACE_PX = 6000
@@ -81,7 +82,7 @@ def _paint_face(
     if solid.kind is SolidKind.ROOM:
         texel_m *= ROOM_TEXEL_SCALE
     width, height = (int(np.clip(m / texel_m, 4, MAX_FACE_PX)) for m in (wide_m, high_m))
-    paint = solid.textures[face](rng, height, width, texel_m)
+    paint = solid.textures[face](Face(rng, height, width, texel_m))
     light = cv2.resize(compute_face_brightness(solid, face, arrays, lights), (width, height))
     image: NDArray[np.uint8] = np.clip(paint * light[..., None], 0.0, 255.0).astype(np.uint8)
     return image

@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from drivers.synthetic.prints import book_spines, page, parcel, picture, poster, screen
 from drivers.synthetic.textures import (
+    Face,
     TexturePainter,
     bricks,
     cabinet_doors,
@@ -35,7 +36,7 @@ SKINS = {
 
 
 def paint(texture: TexturePainter, seed: int = 0) -> NDArray[np.uint8]:
-    image = texture(np.random.default_rng(seed), 300, 420, 0.004)
+    image = texture(Face(np.random.default_rng(seed), 300, 420, 0.004))
     assert image.shape == (300, 420, 3)
     return np.clip(image, 0, 255).astype(np.uint8)
 
@@ -66,7 +67,7 @@ def test_no_two_places_of_a_texture_look_alike(name: str) -> None:
 @pytest.mark.parametrize("height", [1, 4, 7, 50])
 def test_even_the_smallest_face_can_be_painted(width: int, height: int) -> None:
     for texture in SKINS.values():
-        image = texture(np.random.default_rng(0), height, width, 0.003)
+        image = texture(Face(np.random.default_rng(0), height, width, 0.003))
         assert image.shape == (height, width, 3)
         assert np.all(np.isfinite(image))
 

@@ -11,7 +11,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, BinaryIO, Self
+from typing import Any, BinaryIO, ClassVar, Self
 
 from backports import zstd
 from mcap.reader import McapReader, NonSeekingReader, make_reader
@@ -171,9 +171,13 @@ def _decompress(data: bytes) -> bytes:
 class RosbagsFile(BagFile):
     """A file that rosbags reads."""
 
-    def __init__(self, file: StorageFile, reader: Ros1Reader | Ros2Reader) -> None:
-        self._reader = reader
+    reader_type: ClassVar[type[Ros1Reader | Ros2Reader]]
+
+    def __init__(self, file: StorageFile) -> None:
+        self._opened = ExitStack()
+        reader = self._reader = self.reader_type(file.content)
         reader.open()
+        self._opened.callback(reader.close)
         types = {each.topic: each.msgtype for each in reader.connections}
         definitions = {
             each.topic: each.msgdef.data
@@ -189,31 +193,20 @@ class RosbagsFile(BagFile):
                 plain = bytes(data) if self.is_ros1 else _decompress(bytes(data))
                 yield Message(connection.topic, log_ns, plain)
 
+    def close(self) -> None:
+        self._opened.close()
+
 
 class Ros1File(RosbagsFile):
     """A ROS 1 bag."""
 
-    is_ros1 = True
-
-    def __init__(self, file: StorageFile) -> None:
-        self._bag = Ros1Reader(file.content)
-        super().__init__(file, self._bag)
-
-    def close(self) -> None:
-        if self._bag.bio is not None:
-            self._bag.close()
+    is_ros1, reader_type = True, Ros1Reader
 
 
 class SqliteFile(RosbagsFile):
     """A ROS 2 bag in SQLite."""
 
-    def __init__(self, file: StorageFile) -> None:
-        self._bag = Ros2Reader(file.content)
-        super().__init__(file, self._bag)
-
-    def close(self) -> None:
-        if self._bag.is_open:
-            self._bag.close()
+    reader_type = Ros2Reader
 
 
 class SplitBagFile(BagFile):

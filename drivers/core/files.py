@@ -95,6 +95,25 @@ class AppendOnlyFile:
         os.close(self._fd)
 
 
+class LateFile:
+    """An `AppendOnlyFile` that is created with its first line."""
+
+    def __init__(self, path: Path, header: str) -> None:
+        self._path, self._header = path, header
+        self._file: AppendOnlyFile | None = None
+
+    def append(self, line: str) -> None:
+        """Append one line. Raises OSError."""
+        self._file = self._file or AppendOnlyFile(self._path, self._header)
+        self._file.append(line)
+
+    def close(self) -> None:
+        """Close the file. Safe to call twice."""
+        file, self._file = self._file, None
+        if file is not None:
+            file.close()
+
+
 def check_writable(folder: Path) -> str:
     """Return why a folder cannot be written to, or "" if it can.
 
@@ -116,15 +135,15 @@ def check_writable(folder: Path) -> str:
 
 
 @contextmanager
-def lock_folder(folder: Path) -> Iterator[None]:
+def lock_folder(folder: Path, *, waits: bool = False) -> Iterator[None]:
     """Hold the lock of a folder.
 
     Raises:
-        BlockingIOError: If another process holds it.
+        BlockingIOError: Another process holds it, and `waits` is false.
     """
     fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
-        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(fd, fcntl.LOCK_EX | (0 if waits else fcntl.LOCK_NB))
         yield
     finally:
         os.close(fd)

@@ -5,14 +5,11 @@ frame is written, then its checksum with the highest bit set. A frame is therefo
 it is complete, even if a process was killed. All processes render a frame to the same bytes.
 """
 
-import fcntl
 import hashlib
 import mmap
 import os
 import zlib
 from collections import defaultdict
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -21,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core import CameraError, InputError
+from drivers.core.files import lock_folder
 from drivers.core.input_files import read_input
 from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.sensors import RenderedImages
@@ -167,7 +165,7 @@ def create_sequence(files: SequenceFiles) -> RenderedSequence:
     """
     try:
         files.folder.mkdir(parents=True, exist_ok=True)
-        with _lock_folder(files.folder):
+        with lock_folder(files.folder, waits=True):
             _evict_old_sequences(files)
             _allocate(files.frames, files.total_bytes)
             _allocate(files.index, 8 * files.count)
@@ -179,17 +177,6 @@ def create_sequence(files: SequenceFiles) -> RenderedSequence:
             f"{files.folder}: cannot store {files.total_bytes / 1e6:.0f} MB of frames: "
             f"{error.strerror}; free some space or set a shorter duration_s"
         ) from error
-
-
-@contextmanager
-def _lock_folder(folder: Path) -> Iterator[None]:
-    """Lock a folder."""
-    fd = os.open(folder, os.O_RDONLY)
-    try:
-        fcntl.flock(fd, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(fd)
 
 
 def _allocate(path: Path, size: int) -> None:

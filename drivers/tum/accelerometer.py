@@ -6,13 +6,12 @@ from pathlib import Path
 import numpy as np
 
 from drivers.core import InputError
-from drivers.core.files import AppendOnlyFile
 from drivers.core.geometry import Vector, accelerometer_from_gravity, gravity_from_accelerometer
 from drivers.recording.accelerometer import AccelerometerSeries
 from drivers.tum.index_files import read_rows
 
 ACCELEROMETER_FILE = "accelerometer.txt"
-COLUMNS = "timestamp ax ay az"
+ACCELEROMETER_COLUMNS = "timestamp ax ay az"
 
 
 def read_accelerometer(folder: Path) -> AccelerometerSeries:
@@ -22,33 +21,16 @@ def read_accelerometer(folder: Path) -> AccelerometerSeries:
         InputError: The file does not parse; the message names file and line.
     """
     path = folder / ACCELEROMETER_FILE
-    rows = read_rows(path, COLUMNS) if path.exists() else []
+    rows = read_rows(path, ACCELEROMETER_COLUMNS) if path.exists() else []
     readings = [_parse_reading(words, f"{path}:{number}") for number, words in rows]
     table = np.array([(s, *g) for s, g in readings]).reshape(-1, 4)
     table = table[np.argsort(table[:, 0], kind="stable")]
     return AccelerometerSeries(table[:, 0], -table[:, 1:])
 
 
-class AccelerometerWriter:
-    """Writes the file, which is created with the first reading."""
-
-    def __init__(self, folder: Path) -> None:
-        self._path = folder / ACCELEROMETER_FILE
-        self._files: list[AppendOnlyFile] = []
-
-    def add(self, stamp: str, gravity_m_s2: Vector | None) -> None:
-        """Add a line; `read_accelerometer` gives back exactly the same. Raises OSError."""
-        if gravity_m_s2 is None:
-            return
-        if not self._files:
-            self._files.append(AppendOnlyFile(self._path, COLUMNS))
-        values = accelerometer_from_gravity(gravity_m_s2)
-        self._files[0].append(" ".join([stamp, *(repr(float(value)) for value in values)]))
-
-    def close(self) -> None:
-        """Close the file. Safe to call twice."""
-        while self._files:
-            self._files.pop().close()
+def format_reading(gravity_m_s2: Vector) -> str:
+    """Format a line without its stamp; `read_accelerometer` gives back exactly the same."""
+    return " ".join(repr(float(value)) for value in accelerometer_from_gravity(gravity_m_s2))
 
 
 def _parse_reading(words: list[str], location: str) -> tuple[float, Vector]:
@@ -56,7 +38,7 @@ def _parse_reading(words: list[str], location: str) -> tuple[float, Vector]:
         stamp_s, x, y, z = map(float, words)
     except ValueError as error:
         raise InputError(
-            f"{location}: {' '.join(words)!r} is not {COLUMNS}, all numbers"
+            f"{location}: {' '.join(words)!r} is not {ACCELEROMETER_COLUMNS}, all numbers"
         ) from error
     if not all(map(math.isfinite, (stamp_s, x, y, z))):
         raise InputError(f"{location}: a number is not finite; remove the line")

@@ -8,15 +8,19 @@ from pathlib import Path
 
 from drivers.calibration import CAMERA_FILE_NAME, CameraCalibration, format_calibration
 from drivers.core import InputError
-from drivers.core.files import AppendOnlyFile, atomic_write
+from drivers.core.files import AppendOnlyFile, LateFile, atomic_write
 from drivers.core.geometry import Array, Trajectory, Vector, format_trajectory
 from drivers.core.write_errors import check_disk_space, creating
 from drivers.recording.frame_encoding import format_stamp, round_to_microseconds
 from drivers.recording.image_decoding import JPEG_START, BgrImage, DepthImage
 from drivers.recording.image_encoding import ColorFormat, encode_image
 from drivers.recording.recording_sink import RecordingFile, RecordingSink, StoredFrame
-from drivers.tum.accelerometer import AccelerometerWriter
-from drivers.tum.odometry import OdometryWriter
+from drivers.tum.accelerometer import (
+    ACCELEROMETER_COLUMNS,
+    ACCELEROMETER_FILE,
+    format_reading,
+)
+from drivers.tum.odometry import ODOMETRY_COLUMNS, ODOMETRY_FILE, format_message
 
 INDEX_FILES = {
     "rgb.txt": "timestamp filename",
@@ -58,8 +62,8 @@ class TumFolder(RecordingFile, RecordingSink):
         self._has_gravity = has_gravity
         self._has_failed = False
         self._index_files: list[AppendOnlyFile] = []
-        self._accelerometer = AccelerometerWriter(folder)
-        self._odometry = OdometryWriter(folder)
+        self._accelerometer = LateFile(folder / ACCELEROMETER_FILE, ACCELEROMETER_COLUMNS)
+        self._odometry = LateFile(folder / ODOMETRY_FILE, ODOMETRY_COLUMNS)
         self._is_new_folder = not folder.exists()
         with creating(folder):
             folder.parent.mkdir(parents=True, exist_ok=True)
@@ -96,10 +100,10 @@ class TumFolder(RecordingFile, RecordingSink):
             self.write_gravity(stamp, (-x, -y, -z))
 
     def write_gravity(self, stamp: Decimal, gravity_m_s2: Vector) -> None:
-        self._accelerometer.add(format_stamp(stamp), gravity_m_s2)
+        self._accelerometer.append(f"{format_stamp(stamp)} {format_reading(gravity_m_s2)}")
 
     def write_odometry(self, stamp: Decimal, message: bytes) -> None:
-        self._odometry.add(format_stamp(stamp), message)
+        self._odometry.append(f"{format_stamp(stamp)} {format_message(message)}")
 
     def write_true_pose(self, stamp: Decimal, T_world_camera: Array) -> None:
         """Do nothing: the pose is in the folder already."""

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.core.files import AppendOnlyFile, atomic_write
+from drivers.core.files import AppendOnlyFile, LateFile, atomic_write
 
 
 def test_a_file_appears_only_when_complete(tmp_path: Path) -> None:
@@ -28,3 +28,14 @@ def test_an_append_only_file_never_overwrites_another(tmp_path: Path) -> None:
     (tmp_path / "rgb.txt").write_text("mine")
     with pytest.raises(FileExistsError):
         AppendOnlyFile(tmp_path / "rgb.txt", "timestamp filename")
+
+
+def test_a_late_file_is_created_with_its_first_line(tmp_path: Path) -> None:
+    late = LateFile(tmp_path / "odometry.txt", "timestamp message")
+    late.close()
+    assert list(tmp_path.iterdir()) == []
+    late.append("1 a")
+    late.append("2 b")
+    for _ in range(2):
+        late.close()
+    assert (tmp_path / "odometry.txt").read_text() == "# timestamp message\n1 a\n2 b\n"

@@ -5,23 +5,15 @@ from pathlib import Path
 import pytest
 
 from drivers.core import InputError
-from drivers.tum.odometry import OdometryWriter, read_odometry
+from drivers.tum.odometry import ODOMETRY_FILE, format_message, read_odometry
 
 
 def test_messages_are_read_back_bit_for_bit(tmp_path: Path) -> None:
-    messages = [bytes(range(256)), b"\x00\x01\x00\x00", b""]
-    writer = OdometryWriter(tmp_path)
-    for number, message in enumerate(messages[:2]):
-        writer.add(f"{number}.5", message)
-    writer.close()
-    writer.close()
-    assert list(read_odometry(tmp_path)) == messages[:2]
-
-
-def test_a_folder_without_wheels_has_no_file(tmp_path: Path) -> None:
-    OdometryWriter(tmp_path).close()
-    assert list(tmp_path.iterdir()) == []
     assert list(read_odometry(tmp_path)) == []
+    messages = [bytes(range(256)), b"\x00\x01\x00\x00"]
+    lines = [f"{number}.5 {format_message(each)}\n" for number, each in enumerate(messages)]
+    (tmp_path / ODOMETRY_FILE).write_text("".join(lines))
+    assert list(read_odometry(tmp_path)) == messages
 
 
 @pytest.mark.parametrize("line", ["1.5 AAE", "1.5 ====", "1.5 né", "1.5", "1.5 AAE= 7"])

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers import CameraError, CameraLostError, InputError
+from drivers import CameraError, CameraLostError
 from drivers.camera import CameraState, CameraStatus
 from drivers.registry import open_camera
 from tests.conftest import FRAMES
@@ -49,8 +49,3 @@ def test_a_camera_that_is_lost_ends_the_loop_with_its_error() -> None:
 def test_a_loop_over_a_closed_camera_is_an_error_with_instructions(source: str) -> None:
     with pytest.raises(CameraError, match="not open; use `with`"):
         next(iter(open_camera(source)))
-
-
-def test_a_missing_folder_is_an_input_error(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no such folder"), open_camera(f"tum:{tmp_path}/desk"):
-        pass

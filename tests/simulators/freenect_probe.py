@@ -11,7 +11,6 @@ import time
 from collections.abc import Callable
 from ctypes import POINTER, c_char_p, c_int, c_int8, c_int16, c_int32, c_long, c_uint32, c_void_p
 from dataclasses import dataclass, field
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -189,12 +188,7 @@ class FreenectProbe:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        exc_type: type[BaseException] | None,
-        exc: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_exc: object) -> None:
         self.close()
 
 

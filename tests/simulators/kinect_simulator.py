@@ -26,7 +26,6 @@ import os
 import uuid
 from enum import IntEnum
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from tests.simulators.kinect_control import ControlField, create_control
@@ -193,12 +192,7 @@ class KinectSimulator(KinectFaultControls, KinectReadings):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        exc_type: type[BaseException] | None,
-        exc: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_exc: object) -> None:
         self.close()
 
 

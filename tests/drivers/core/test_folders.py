@@ -18,6 +18,14 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "home"
 
 
+@pytest.fixture
+def temporary_folder(home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where everything goes if nobody, not even root, can write to the home."""
+    home.touch()  # a file where the home should be
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    return tmp_path / f"kinect-vo-{os.getuid()}"
+
+
 def test_the_cache_is_in_the_first_folder_that_is_set_and_can_be_created(
     home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -32,34 +40,23 @@ def test_the_cache_is_in_the_first_folder_that_is_set_and_can_be_created(
     assert cache_folder() == tmp_path / "xdg" / "kinect-vo"
 
 
-def test_without_a_writable_home_a_temporary_folder_is_used(
-    home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    home.touch()  # a file where the home should be: nobody, not even root, can write below it
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    folder = cache_folder()
-    assert folder == tmp_path / f"kinect-vo-{os.getuid()}"
-    assert os.access(folder, os.W_OK)
-    assert cache_folder() == folder
+def test_without_a_writable_home_a_temporary_folder_is_used(temporary_folder: Path) -> None:
+    for _ in range(2):
+        assert cache_folder() == temporary_folder
+        assert os.access(temporary_folder, os.W_OK)
 
 
-def test_a_temporary_folder_that_others_can_write_to_is_not_used(
-    home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    home.touch()
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+def test_a_temporary_folder_that_others_can_write_to_is_not_used(temporary_folder: Path) -> None:
     cache_folder().chmod(0o777)
     with pytest.raises(UserFacingError, match="XDG_CACHE_HOME"):
         cache_folder()
 
 
 def test_a_temporary_folder_behind_a_link_is_not_used(
-    home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    temporary_folder: Path, tmp_path: Path
 ) -> None:
-    home.touch()
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     (tmp_path / "elsewhere").mkdir(mode=0o700)
-    (tmp_path / f"kinect-vo-{os.getuid()}").symlink_to(tmp_path / "elsewhere")
+    temporary_folder.symlink_to(tmp_path / "elsewhere")
     with pytest.raises(UserFacingError, match="XDG_CACHE_HOME"):
         cache_folder()
 

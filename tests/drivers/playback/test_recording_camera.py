@@ -176,13 +176,6 @@ def test_it_can_be_opened_again_from_the_start(make_folder: FolderMaker) -> None
     assert camera.counters.delivered == 12
 
 
-def test_reading_before_opening_is_an_error(tmp_path: Path) -> None:
-    camera = RecordingCamera(tmp_path)
-    camera.close()
-    with pytest.raises(CameraError, match="not open"):
-        camera.read(1)
-
-
 def test_a_failed_open_leaves_nothing_behind(tmp_path: Path) -> None:
     camera = RecordingCamera(tmp_path / "gone")
     with pytest.raises(InputError, match="no such folder"):

@@ -33,10 +33,12 @@ def test_frames_are_paired_by_stamp(make_folder: FolderMaker) -> None:
 
 def test_images_without_a_partner_are_counted(make_folder: FolderMaker) -> None:
     folder = make_folder(count=4, skew_s=0.005)
+    assert open_tum_folder(folder, None).summary == ""
     depth = (folder / "depth.txt").read_text().splitlines()
     (folder / "depth.txt").write_text("\n".join([*depth[:2], *depth[3:]]))
-    frames = open_tum_folder(folder, None).frames
-    assert (len(frames.pairs), frames.unpaired) == (3, 1)
+    recording = open_tum_folder(folder, None)
+    assert (len(recording.frames.pairs), recording.frames.unpaired) == (3, 1)
+    assert recording.summary == f"{folder}: images without a partner: 1"
 
 
 def test_associations_override_the_lists(make_folder: FolderMaker) -> None:
@@ -140,14 +142,3 @@ def test_images_unlike_the_camera_file_are_refused(make_folder: FolderMaker) -> 
     text = (folder / "camera.toml").read_text()
     (folder / "camera.toml").write_text(text.replace("width = 64", "width = 80"))
     assert "the image is 64x48 but the camera is 80x48" in complaint(folder)
-
-
-def test_images_without_a_partner_are_named(make_folder: FolderMaker) -> None:
-    folder = make_folder(count=4, skew_s=0.005)
-    assert open_tum_folder(folder, None).summary == ""
-    depth = (folder / "depth.txt").read_text().splitlines()
-    (folder / "depth.txt").write_text("\n".join(depth[:3]))
-    unpaired = open_tum_folder(folder, None).frames.unpaired
-    assert (
-        open_tum_folder(folder, None).summary == f"{folder}: images without a partner: {unpaired}"
-    )

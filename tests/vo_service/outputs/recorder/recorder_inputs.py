@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -10,16 +11,15 @@ import numpy as np
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import rigid_transform
 from tests.vo_service.fakes import make_status
+from tests.vo_service.outputs import sample_updates
+from tests.vo_service.outputs.sample_updates import CAMERA, START_S
 from tests.waiting import wait_until
 from vo_service.config_tables import RecorderConfig
 from vo_service.outputs.recorder.client import FlightRecorder
 from vo_service.types.commands import CommandError
-from vo_service.types.estimate import Estimate
 from vo_service.types.messages import Status, TrackingReport
 from vo_service.types.odometry_update import OdometryUpdate, TrackingState, WheelMessageSource
 
-CAMERA = PinholeCamera(width=64, height=48, fx=60.0, fy=60.0, cx=31.5, cy=23.5)
-START_S = 1305031453.359684
 SMALL = RecorderConfig(max_mb=20)
 METADATA: Mapping[str, object] = {"versions": {"kinect-vo": "1"}}
 
@@ -53,24 +53,16 @@ def make_update(
 ) -> OdometryUpdate:
     """Make the result of frame `seq`; each pose is one centimeter further."""
     T = rigid_transform(np.eye(3), [0.01 * seq, 0.0, 0.0])
-    is_lost = state is TrackingState.LOST
+    update = sample_updates.make_update(seq, ok=state is not TrackingState.LOST)
     frame = make_frame(seq, camera)
-    return OdometryUpdate(
-        seq=seq,
+    return replace(
+        update,
         stamp_s=frame.stamp_s + offset_s,
         state=state,
-        reason="too few matches" if is_lost else "",
-        epoch=1,
         T_world_camera=T,
         T_odom_base=T,
         T_odom_camera=T,
-        pose_covariance=np.eye(6),
-        twist=np.zeros(6),
-        twist_covariance=np.eye(6),
         frame=frame,
-        estimate=Estimate(not is_lost, "", T, np.eye(4), np.eye(6), 20, 10, 7),
-        stage_ms={},
-        latency_s=0.01,
     )
 
 

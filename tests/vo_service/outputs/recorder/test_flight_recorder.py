@@ -13,7 +13,6 @@ from drivers.core.geometry import read_trajectory
 from tests.drivers.tum.read_recording import read_recording
 from tests.resource_leaks import resources_in_use
 from tests.vo_service.outputs.recorder.recorder_inputs import (
-    CAMERA,
     SMALL,
     incident_of,
     list_incidents,
@@ -25,6 +24,7 @@ from tests.vo_service.outputs.recorder.recorder_inputs import (
     send_updates,
     wait_for_incident,
 )
+from tests.vo_service.outputs.sample_updates import CAMERA
 from tests.waiting import wait_until
 from vo_service.types.odometry_update import TrackingState
 

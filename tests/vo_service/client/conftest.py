@@ -4,34 +4,25 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.vo_service.client.fake_service import (
-    FakeService,
-    find_free_endpoint,
-    running_fake_service,
-)
+from tests.vo_service.client.fake_service import FakeService, running_fake_service
 from tests.waiting import wait_until
 from vo_service import PoseClient
 from vo_service.client import subscription
 
 
 @pytest.fixture(scope="module")
-def service_at_endpoint() -> Iterator[tuple[FakeService, str]]:
-    """A fake service and its endpoint."""
-    endpoint = find_free_endpoint()
-    with running_fake_service(endpoint) as publisher:
-        yield publisher, endpoint
+def service() -> Iterator[FakeService]:
+    with running_fake_service() as running:
+        yield running
 
 
 @pytest.fixture
-def service_and_client(
-    service_at_endpoint: tuple[FakeService, str], monkeypatch: pytest.MonkeyPatch
-) -> Iterator[tuple[FakeService, PoseClient]]:
-    """A fake service and a connected client."""
+def client(service: FakeService, monkeypatch: pytest.MonkeyPatch) -> Iterator[PoseClient]:
+    """A client that is connected to the service."""
     monkeypatch.setattr(subscription, "MAX_SILENCE_S", 60.0)  # a busy machine may be late
-    publisher, endpoint = service_at_endpoint
-    with PoseClient(connect=endpoint) as client:
-        assert client.wait_for_publisher(20)
-        publisher.wait_for_reader()
-        yield publisher, client
+    with PoseClient(connect=service.endpoint) as connected:
+        assert connected.wait_for_publisher(20)
+        service.wait_for_reader()
+        yield connected
     # Otherwise the next test would mistake this reader for its own.
-    wait_until(lambda: not publisher.has_reader("kinect/odom"))
+    wait_until(lambda: not service.has_reader("kinect/odom"))

@@ -34,6 +34,7 @@ class FakeService:
     """Publishes what the test asks for."""
 
     def __init__(self, endpoint: str) -> None:
+        self.endpoint = endpoint
         self.session = open_session(ZenohConfig(listen=(endpoint,)))
         self._odom = self.session.declare_publisher("kinect/odom", congestion_control=BLOCK)
         self._token = self.session.liveliness().declare_token("kinect/alive")
@@ -114,16 +115,13 @@ class FakeService:
 
 
 @contextmanager
-def running_fake_service(endpoint: str) -> Iterator[FakeService]:
-    """Run a fake service while the block runs."""
-    service = FakeService(endpoint)
+def running_fake_service(endpoint: str = "") -> Iterator[FakeService]:
+    """Run a fake service, on a free port by default, while the block runs."""
+    service = FakeService(endpoint or find_free_endpoint())
     try:
         yield service
     finally:
         service.close()
-
-
-ServiceAndClient = tuple[FakeService, PoseClient]
 
 
 def wait_for_pose(client: PoseClient, seq: int) -> None:

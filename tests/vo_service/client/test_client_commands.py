@@ -10,11 +10,7 @@ import zenoh
 
 from drivers.camera import Led
 from drivers.core.geometry import rigid_transform
-from tests.vo_service.client.fake_service import (
-    FakeService,
-    find_free_endpoint,
-    running_fake_service,
-)
+from tests.vo_service.client.fake_service import FakeService, running_fake_service
 from tests.waiting import wait_until
 from vo_service import CommandRefused, PoseClient, ServiceUnavailable
 from vo_service.types.commands import (
@@ -35,7 +31,6 @@ from vo_service.types.commands import (
 
 pytestmark = pytest.mark.zenoh
 
-ServiceAndClient = tuple[FakeService, PoseClient]
 FOLDER = {"folder": "/var/lib/kinect-vo/desk"}
 T_ODOM_BASE = rigid_transform(np.eye(3), [1.0, 2.0, 0.5])
 # By name: a command and the reply to it.
@@ -53,25 +48,18 @@ EXCHANGES: dict[str, tuple[Command, dict[str, Any]]] = {
 }
 
 
-@pytest.fixture(scope="module")
-def service_and_client() -> Iterator[ServiceAndClient]:
-    endpoint = find_free_endpoint()
-    with running_fake_service(endpoint) as publisher, PoseClient(connect=endpoint) as client:
-        assert client.wait_for_publisher(20)
-        yield publisher, client
-
-
 @pytest.fixture
-def new_service_and_client() -> Iterator[ServiceAndClient]:
-    endpoint = find_free_endpoint()
-    with running_fake_service(endpoint) as publisher, PoseClient(connect=endpoint) as client:
-        yield publisher, client
+def service() -> Iterator[FakeService]:
+    """A service of each test's own, as a reply cannot be taken back."""
+    with running_fake_service() as running:
+        yield running
 
 
-def set_reply(service_and_client: ServiceAndClient, name: str, reply: dict[str, Any]) -> list[Any]:
+def set_reply(
+    service: FakeService, client: PoseClient, name: str, reply: dict[str, Any]
+) -> list[Any]:
     """Make the service reply in this way; return the list of received arguments."""
-    publisher, client = service_and_client
-    received_arguments = publisher.answer_with(name, reply)
+    received_arguments = service.answer_with(name, reply)
     querier: Any = client._connection.sessions[0].declare_querier(f"kinect/{name}")
     wait_until(lambda: bool(querier.matching_status.matching))
     return received_arguments
@@ -79,66 +67,50 @@ def set_reply(service_and_client: ServiceAndClient, name: str, reply: dict[str, 
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_each_command_is_sent_and_its_reply_is_typed(
-    service_and_client: ServiceAndClient, name: str
+    service: FakeService, client: PoseClient, name: str
 ) -> None:
-    _, client = service_and_client
     command, reply = EXCHANGES[name]
-    sent = set_reply(service_and_client, f"command/{name}", reply)
+    sent = set_reply(service, client, f"command/{name}", reply)
     assert client.send(command) == command.reply_type()(**reply)
     payload = b"" if sent[0] is None else json.dumps(sent[0]).encode()
     assert parse_command(name, payload) == command
 
 
-def test_a_reset_without_a_pose_sends_none(new_service_and_client: ServiceAndClient) -> None:
-    _, client = new_service_and_client
-    sent = set_reply(new_service_and_client, "command/reset", {"epoch": 1})
+def test_a_reset_without_a_pose_sends_none(service: FakeService, client: PoseClient) -> None:
+    sent = set_reply(service, client, "command/reset", {"epoch": 1})
     assert client.send(ResetCommand()).epoch == 1
     assert sent == [None]
 
 
 def test_a_refusal_has_the_message_and_code_of_the_service(
-    new_service_and_client: ServiceAndClient,
+    service: FakeService, client: PoseClient
 ) -> None:
-    _, client = new_service_and_client
-    set_reply(
-        new_service_and_client,
-        "command/tilt",
-        {"error": "not-possible", "message": "it has no motor"},
-    )
+    refusal = {"error": "not-possible", "message": "it has no motor"}
+    set_reply(service, client, "command/tilt", refusal)
     with pytest.raises(CommandRefused, match="it has no motor") as caught:
         client.send(TiltCommand(3.0))
     assert caught.value.code == "not-possible"
 
 
-def test_a_command_without_a_service_raises_an_error(
-    new_service_and_client: ServiceAndClient,
-) -> None:
-    _, client = new_service_and_client
+def test_a_command_without_a_service_raises_an_error(client: PoseClient) -> None:
     with pytest.raises(ServiceUnavailable, match="kinect/command/pause: no kinect-vo answers"):
         client.command("pause", timeout_s=0.2)
 
 
-def test_a_reply_of_another_version_is_rejected(new_service_and_client: ServiceAndClient) -> None:
-    _, client = new_service_and_client
-    set_reply(new_service_and_client, "schema", {"schema": 9, "schemas": {}})
+def test_a_reply_of_another_version_is_rejected(service: FakeService, client: PoseClient) -> None:
+    set_reply(service, client, "schema", {"schema": 9, "schemas": {}})
     with pytest.raises(ValueError, match="version 9"):
         client.schemas()
 
 
-def test_a_missing_status_is_queried(new_service_and_client: ServiceAndClient) -> None:
-    _, client = new_service_and_client
-    set_reply(
-        new_service_and_client, "status", {"state": "tracking", "reason": "", "paused": False}
-    )
+def test_a_missing_status_is_queried(service: FakeService, client: PoseClient) -> None:
+    set_reply(service, client, "status", {"state": "tracking", "reason": "", "paused": False})
     assert client.status()["state"] == "tracking"
 
 
-def test_a_blocked_service_raises_the_same_error(
-    new_service_and_client: ServiceAndClient,
-) -> None:
-    publisher, client = new_service_and_client
+def test_a_blocked_service_raises_the_same_error(service: FakeService, client: PoseClient) -> None:
     pending: list[zenoh.Query] = []
-    publisher.session.declare_queryable("kinect/command/pause", pending.append)
+    service.session.declare_queryable("kinect/command/pause", pending.append)
     querier: Any = client._connection.sessions[0].declare_querier("kinect/command/pause")
     wait_until(lambda: bool(querier.matching_status.matching))
     with pytest.raises(
@@ -149,19 +121,17 @@ def test_a_blocked_service_raises_the_same_error(
 
 @pytest.mark.parametrize("reply", [{}, {"epoch": "4"}, {"epoch": True}])
 def test_a_reply_of_another_structure_is_rejected(
-    new_service_and_client: ServiceAndClient, reply: dict[str, Any]
+    service: FakeService, client: PoseClient, reply: dict[str, Any]
 ) -> None:
-    _, client = new_service_and_client
-    set_reply(new_service_and_client, "command/reset", reply)
+    set_reply(service, client, "command/reset", reply)
     with pytest.raises(ValueError, match="the reply to command/reset came with"):
         client.send(ResetCommand())
 
 
 def test_a_refusal_of_another_structure_is_reported(
-    new_service_and_client: ServiceAndClient,
+    service: FakeService, client: PoseClient
 ) -> None:
-    _, client = new_service_and_client
-    set_reply(new_service_and_client, "command/pause", {"error": 3, "message": "no"})
+    set_reply(service, client, "command/pause", {"error": 3, "message": "no"})
     with pytest.raises(
         ServiceUnavailable, match="cannot parse the reply: an error reply came with a int for error"
     ):

@@ -5,7 +5,7 @@ import pytest
 
 from tests.vo_service.client.fake_service import (
     BLOCK,
-    ServiceAndClient,
+    FakeService,
     find_free_endpoint,
     publish_and_receive,
     running_fake_service,
@@ -16,10 +16,9 @@ from vo_service import CommandRefused, MapOdom, PoseClient
 pytestmark = pytest.mark.zenoh
 
 
-def receive_map_odom(service_and_client: ServiceAndClient, seq: int) -> MapOdom:
+def receive_map_odom(service: FakeService, client: PoseClient, seq: int) -> MapOdom:
     """Publish a transform and return what the client gives out."""
-    publisher, client = service_and_client
-    publisher.publish_map_odom(
+    service.publish_map_odom(
         2.0, seq=seq, epoch=1, is_localized=False, map_keyframes=7, loop_closures=2
     )
 
@@ -31,8 +30,8 @@ def receive_map_odom(service_and_client: ServiceAndClient, seq: int) -> MapOdom:
     return client.map_odom()
 
 
-def test_a_map_odom_has_all_fields_of_the_message(service_and_client: ServiceAndClient) -> None:
-    received = receive_map_odom(service_and_client, 7)
+def test_a_map_odom_has_all_fields_of_the_message(service: FakeService, client: PoseClient) -> None:
+    received = receive_map_odom(service, client, 7)
     assert (received.stamp_s, received.frame_id, received.child_frame_id) == (12.5, "map", "odom")
     assert (received.seq, received.epoch, received.is_localized) == (7, 1, False)
     assert (received.map_keyframes, received.loop_closures) == (7, 2)
@@ -40,20 +39,18 @@ def test_a_map_odom_has_all_fields_of_the_message(service_and_client: ServiceAnd
     assert 0 <= received.age_s < 20
 
 
-def test_a_pose_in_the_map_is_a_product(service_and_client: ServiceAndClient) -> None:
-    publisher, client = service_and_client
-    pose = publish_and_receive(publisher, client.poses(), 8, x_m=1.0)
-    T_map_base = receive_map_odom(service_and_client, 8).T_map_odom @ pose.T_odom_base
+def test_a_pose_in_the_map_is_a_product(service: FakeService, client: PoseClient) -> None:
+    pose = publish_and_receive(service, client.poses(), 8, x_m=1.0)
+    T_map_base = receive_map_odom(service, client, 8).T_map_odom @ pose.T_odom_base
     np.testing.assert_allclose(T_map_base[:3, 3], [1.0, 2.5, -0.25])
 
 
 def test_a_service_without_a_map_raises_an_error() -> None:
-    endpoint = find_free_endpoint()
-    with running_fake_service(endpoint) as publisher:
+    with running_fake_service() as publisher:
         publisher.answer_with(
             "map_odom", {"error": "not-possible", "message": "there is no map yet"}
         )
-        with PoseClient(connect=endpoint) as client:
+        with PoseClient(connect=publisher.endpoint) as client:
             publisher.wait_for_reader()
             with pytest.raises(CommandRefused, match="there is no map yet"):
                 client.map_odom(timeout_s=100)
@@ -78,18 +75,16 @@ def test_a_service_without_a_map_raises_an_error() -> None:
     ],
 )
 def test_an_unreadable_message_is_skipped_and_the_next_one_read(
-    service_and_client: ServiceAndClient,
+    service: FakeService,
+    client: PoseClient,
     payload: bytes,
     attachment: bytes | None,
     message: str,
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    publisher, client = service_and_client
-    publisher.session.put(
-        "kinect/map_odom", payload, attachment=attachment, congestion_control=BLOCK
-    )
+    service.session.put("kinect/map_odom", payload, attachment=attachment, congestion_control=BLOCK)
     wait_until(lambda: message in client._state.map_odom.parse_error)
-    assert receive_map_odom(service_and_client, 9).seq == 9
+    assert receive_map_odom(service, client, 9).seq == 9
     assert caplog.text.count("ignored a message") == 1
 
 
@@ -98,6 +93,6 @@ def test_a_transform_of_an_earlier_run_is_dropped() -> None:
     with PoseClient(connect=endpoint) as client:
         with running_fake_service(endpoint) as publisher:
             publisher.wait_for_reader()
-            assert receive_map_odom((publisher, client), 1).seq == 1
+            assert receive_map_odom(publisher, client, 1).seq == 1
         wait_until(lambda: not client.is_alive)
         assert client._state.map_odom.item is None

@@ -20,8 +20,7 @@ STAMP_S = 1_700_000_000.25
 def payload_of(key: str, send: Callable[[PoseClient], None]) -> bytes:
     """Return what a service receives under this key."""
     received: list[bytes] = []
-    endpoint = find_free_endpoint()
-    with running_fake_service(endpoint) as service, PoseClient(connect=endpoint) as client:
+    with running_fake_service() as service, PoseClient(connect=service.endpoint) as client:
         service.session.declare_subscriber(
             key, lambda sample: received.append(sample.payload.to_bytes())
         )

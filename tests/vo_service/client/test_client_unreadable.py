@@ -2,9 +2,9 @@
 
 import pytest
 
-from tests.vo_service.client.fake_service import ServiceAndClient, publish_and_receive
+from tests.vo_service.client.fake_service import FakeService, publish_and_receive
 from tests.waiting import wait_until
-from vo_service import PoseUnavailable, PoseUnavailableReason
+from vo_service import PoseClient, PoseUnavailable, PoseUnavailableReason
 
 pytestmark = pytest.mark.zenoh
 
@@ -26,15 +26,14 @@ pytestmark = pytest.mark.zenoh
     ],
 )
 def test_an_unreadable_pose_is_logged_and_the_next_one_read(
-    service_and_client: ServiceAndClient, payload: bytes, attachment: bytes | None, message: str
+    service: FakeService, client: PoseClient, payload: bytes, attachment: bytes | None, message: str
 ) -> None:
-    publisher, client = service_and_client
-    publisher.publish_raw(payload, attachment)
+    service.publish_raw(payload, attachment)
     wait_until(lambda: client._state.parse_error != "")
     with pytest.raises(PoseUnavailable, match=message) as caught:
         client.newest()
     assert caught.value.reason is PoseUnavailableReason.UNREADABLE
-    assert publish_and_receive(publisher, client.poses(), 60).seq == 60
+    assert publish_and_receive(service, client.poses(), 60).seq == 60
 
 
 @pytest.mark.parametrize(
@@ -46,27 +45,23 @@ def test_an_unreadable_pose_is_logged_and_the_next_one_read(
     ],
 )
 def test_an_unreadable_status_is_reported_until_the_next_one(
-    service_and_client: ServiceAndClient, status: bytes, message: str
+    service: FakeService, client: PoseClient, status: bytes, message: str
 ) -> None:
-    publisher, client = service_and_client
-    publisher.publish_raw_status(status)
+    service.publish_raw_status(status)
     wait_until(lambda: client._state.parse_error != "")
     with pytest.raises(PoseUnavailable, match=message) as caught:
         client.newest()
     assert caught.value.reason is PoseUnavailableReason.UNREADABLE
-    publisher.publish_status(paused=True)
+    service.publish_status(paused=True)
     wait_until(lambda: client._state.parse_error == "")
     with pytest.raises(PoseUnavailable, match="the service is paused"):
         client.newest()
 
 
-def test_a_status_does_not_hide_unreadable_poses(
-    service_and_client: ServiceAndClient,
-) -> None:
-    publisher, client = service_and_client
-    publisher.publish_raw(b"nonsense")
+def test_a_status_does_not_hide_unreadable_poses(service: FakeService, client: PoseClient) -> None:
+    service.publish_raw(b"nonsense")
     wait_until(lambda: client._state.parse_error != "")
-    publisher.publish_status()
+    service.publish_status()
     wait_until(lambda: client._state.status.item is not None)
     with pytest.raises(PoseUnavailable, match="without its attachment") as caught:
         client.newest()

@@ -50,21 +50,23 @@ def last(rrd: Path, entity: str, component: str) -> Any:
 
 
 @pytest.fixture
-def recorded(tmp_path: Path) -> tuple[Path, list[RgbdFrame]]:
-    frames = [
+def frames() -> list[RgbdFrame]:
+    return [
         replace(make_update(k).frame, depth_factor=1000.0, accelerometer=(READING,))
         for k in range(4)
     ]
+
+
+@pytest.fixture
+def rrd(frames: list[RgbdFrame], tmp_path: Path) -> Path:
+    """An MCAP file of the frames, as Rerun imports it."""
     with FrameRecorder(McapRecordingFile(tmp_path / "a.mcap"), true_motion(frames)) as recorder:
         for frame in frames:
             recorder.write(frame)
-    return import_into_rerun(tmp_path / "a.mcap"), frames
+    return import_into_rerun(tmp_path / "a.mcap")
 
 
-def test_depth_and_color_of_a_recording_are_images(
-    recorded: tuple[Path, list[RgbdFrame]],
-) -> None:
-    rrd, frames = recorded
+def test_depth_and_color_of_a_recording_are_images(rrd: Path, frames: list[RgbdFrame]) -> None:
     depths = read_column(rrd, DEPTH, "DepthImage:buffer")
     for (buffer,), frame in zip(depths, frames, strict=True):
         np.testing.assert_array_equal(np.uint8(buffer), frame.depth_raw.view(np.uint8).ravel())
@@ -73,10 +75,7 @@ def test_depth_and_color_of_a_recording_are_images(
     assert len(read_column(rrd, COLOR, "EncodedImage:blob")) == len(frames)
 
 
-def test_images_are_placed_by_one_camera_in_a_connected_tree(
-    recorded: tuple[Path, list[RgbdFrame]],
-) -> None:
-    rrd, _ = recorded
+def test_images_are_placed_by_one_camera_in_a_connected_tree(rrd: Path) -> None:
     camera_infos = [each for each in count_rows(rrd) if each.endswith("camera_info")]
     assert camera_infos == ["/camera/rgb/camera_info"]
     (plane,) = last(rrd, camera_infos[0], "Pinhole:child_frame")
@@ -87,20 +86,19 @@ def test_images_are_placed_by_one_camera_in_a_connected_tree(
     assert edges(rrd, "/tf") == {("world", "base_link")}
 
 
-def test_nothing_beside_the_images_hides_them(recorded: tuple[Path, list[RgbdFrame]]) -> None:
-    rrd, _ = recorded  # else the view of /camera is empty, with an error
-    frames = {
+def test_nothing_beside_the_images_hides_them(rrd: Path) -> None:
+    # Else the view of /camera is empty, with an error.
+    names = {
         tuple(frame)
         for entity in count_rows(rrd)
         if entity.startswith("/camera/")
         for frame in read_column(rrd, entity, "CoordinateFrame:frame")
     }
-    assert frames == {("camera_rgb_optical_frame_image_plane",)}
+    assert names == {("camera_rgb_optical_frame_image_plane",)}
     assert read_column(rrd, "/imu", "Scalars:scalars")
 
 
-def test_the_true_motion_is_shown_as_a_path(recorded: tuple[Path, list[RgbdFrame]]) -> None:
-    rrd, _ = recorded
+def test_the_true_motion_is_shown_as_a_path(rrd: Path) -> None:
     assert last(rrd, "/ground_truth/path", "CoordinateFrame:frame") == ["world"]
     np.testing.assert_allclose(
         read_column(rrd, "/ground_truth/path", "Points3D:positions")[0], [[0.0, 0.0, 0.0]]

@@ -11,7 +11,7 @@ from rerun.chunk import RrdReader
 from drivers.core.geometry import Trajectory
 from vo_service.outputs.rerun.messages import RerunWorkerConfig, TextLog
 from vo_service.outputs.rerun.rotating_recording import RotatingRecording
-from vo_service.outputs.rerun.sinks import Sink
+from vo_service.outputs.rerun.sinks import RrdFileSink, Sink
 from vo_service.outputs.rerun.update_encoder import UpdateEncoder
 from vo_service.outputs.rerun.web_viewer_server import rerun_binary
 from vo_service.types.messages import Status
@@ -46,6 +46,16 @@ def draw(
         recording.log(message)
     recording.finish()
     return recording
+
+
+def draw_file(
+    folder: Path,
+    items: Iterable[OdometryUpdate | Status | TextLog],
+    ground_truth: Trajectory | None = None,
+) -> Path:
+    """Draw all items into one file and return it."""
+    draw(RrdFileSink(folder / "out.rrd"), items, ground_truth)
+    return folder / "out.rrd"
 
 
 def is_complete(path: Path) -> bool:

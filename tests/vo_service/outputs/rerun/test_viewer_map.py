@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from drivers.core.geometry import Array, inverse, rigid_transform, so3_exp
-from tests.vo_service.outputs.rerun.rerun_recording import count_rows, draw, read_column
+from tests.vo_service.outputs.rerun.rerun_recording import count_rows, draw_file, read_column
 from tests.vo_service.outputs.sample_updates import make_update
 from tests.vo_service.sample_map import make_map
-from vo_service.outputs.rerun.sinks import RrdFileSink
 from vo_service.outputs.rerun.update_encoder import MapEncoder
 from vo_service.types.map_snapshot import MapSnapshot
 from vo_service.types.odometry_update import OdometryUpdate
@@ -50,9 +49,8 @@ def encode_all(updates: Sequence[OdometryUpdate]) -> MapEncoder:
 
 @pytest.mark.rerun
 def test_keyframes_and_edges_are_drawn(tmp_path: Path) -> None:
-    path = tmp_path / "out.rrd"
     snapshot = make_map(5)
-    draw(RrdFileSink(path), [replace(make_update(seq), map=snapshot) for seq in range(3)])
+    path = draw_file(tmp_path, [replace(make_update(seq), map=snapshot) for seq in range(3)])
     ((keyframes,), (edges,), (loop_closures,)) = (
         read_column(path, f"/world/map/{part}", component)
         for part, component in (
@@ -68,8 +66,7 @@ def test_keyframes_and_edges_are_drawn(tmp_path: Path) -> None:
 
 @pytest.mark.rerun
 def test_without_a_map_none_is_drawn(tmp_path: Path) -> None:
-    path = tmp_path / "out.rrd"
-    draw(RrdFileSink(path), [make_update(seq) for seq in range(40)])
+    path = draw_file(tmp_path, [make_update(seq) for seq in range(40)])
     assert [entity for entity in count_rows(path) if entity.startswith("/world/map")] == []
 
 
@@ -135,9 +132,8 @@ def test_a_map_of_the_previous_epoch_does_not_place_the_camera() -> None:
 
 @pytest.mark.rerun
 def test_a_changing_map_is_drawn_once_a_second_and_at_the_end(tmp_path: Path) -> None:
-    path = tmp_path / "out.rrd"
-    draw(
-        RrdFileSink(path),
+    path = draw_file(
+        tmp_path,
         [replace(make_update(seq), map=make_map(seq + 2)) for seq in range(75)],
     )
     drawn = read_column(path, "/world/map/keyframes", "Points3D:positions")
@@ -146,9 +142,10 @@ def test_a_changing_map_is_drawn_once_a_second_and_at_the_end(tmp_path: Path) ->
 
 @pytest.mark.rerun
 def test_an_unchanged_map_is_drawn_again_occasionally_for_late_viewers(tmp_path: Path) -> None:
-    path = tmp_path / "out.rrd"
     snapshot = make_map()
-    draw(RrdFileSink(path), [replace(make_update(seq), map=snapshot) for seq in range(0, 750, 3)])
+    path = draw_file(
+        tmp_path, [replace(make_update(seq), map=snapshot) for seq in range(0, 750, 3)]
+    )
     counted = count_rows(path)
     assert counted["/world/map/keyframes"] == 3  # 250 pictures
     assert counted["/world/map/latest"] == 250

@@ -9,10 +9,9 @@ import pytest
 
 from drivers.core.geometry import inverse, rigid_transform, so3_exp, transform_points
 from tests.vo_service.navigation.views import mounted, update_of, wall_on_floor
-from tests.vo_service.outputs.rerun.rerun_recording import count_rows, draw, read_column
+from tests.vo_service.outputs.rerun.rerun_recording import count_rows, draw_file, read_column
 from vo_service.config_tables import ScanConfig
 from vo_service.navigation.frame_scans import FrameScans
-from vo_service.outputs.rerun.sinks import RrdFileSink
 from vo_service.types.map_snapshot import MapSnapshot
 from vo_service.types.occupancy_grid import FREE, NO_GRID, OCCUPIED, UNKNOWN, OccupancyGrid
 from vo_service.types.odometry_update import OdometryUpdate
@@ -46,8 +45,8 @@ def test_the_scan_is_drawn_at_the_wall_it_sees(tmp_path: Path) -> None:
     scans = FrameScans(ScanConfig(), MOUNT)
     scans.load()
     updates = robot_updates(3, scans)
-    draw(RrdFileSink(tmp_path / "a.rrd"), updates)
-    drawn = read_column(tmp_path / "a.rrd", SCAN, POSITIONS)
+    path = draw_file(tmp_path, updates)
+    drawn = read_column(path, SCAN, POSITIONS)
     assert len(drawn) == 3
     ends = in_odom(drawn[0], updates[0])
     assert len(ends) > 80
@@ -61,8 +60,8 @@ def test_no_scan_is_drawn_of_a_camera_on_the_floor_or_before_its_kernels_are_loa
 ) -> None:
     on_floor = FrameScans(ScanConfig(), mounted(0.0))
     on_floor.load()
-    draw(RrdFileSink(tmp_path / "a.rrd"), robot_updates(2, on_floor))
-    assert SCAN not in count_rows(tmp_path / "a.rrd")
+    path = draw_file(tmp_path, robot_updates(2, on_floor))
+    assert SCAN not in count_rows(path)
 
 
 def test_the_grid_is_drawn_on_change_where_its_cells_are(tmp_path: Path) -> None:
@@ -73,9 +72,9 @@ def test_the_grid_is_drawn_on_change_where_its_cells_are(tmp_path: Path) -> None
         replace(update, grid=grid)
         for update, grid in zip(robot_updates(6, scans), grids, strict=True)
     ]
-    draw(RrdFileSink(tmp_path / "a.rrd"), updates)
-    occupied = read_column(tmp_path / "a.rrd", f"{GRID}/occupied", POSITIONS)
-    free = read_column(tmp_path / "a.rrd", f"{GRID}/free", POSITIONS)
+    path = draw_file(tmp_path, updates)
+    occupied = read_column(path, f"{GRID}/occupied", POSITIONS)
+    free = read_column(path, f"{GRID}/free", POSITIONS)
     assert [len(points) for points in occupied] == [2, 2, 0]
     assert [len(points) for points in free] == [1, 1, 0]
     np.testing.assert_allclose(occupied[0], [[1.05, 2.05, 0.0], [1.15, 2.05, 0.0]], atol=1e-6)
@@ -93,8 +92,8 @@ def test_the_grid_of_a_loaded_map_moves_to_where_the_robot_finds_itself(tmp_path
         replace(each, map=snapshot, grid=grid, epoch=0)
         for each, snapshot in zip(updates, snapshots, strict=True)
     ]
-    draw(RrdFileSink(tmp_path / "a.rrd"), updates)
-    drawn = read_column(tmp_path / "a.rrd", f"{GRID}/occupied", POSITIONS)
+    path = draw_file(tmp_path, updates)
+    drawn = read_column(path, f"{GRID}/occupied", POSITIONS)
     assert len(drawn) == 2
     in_map = transform_points(T_map_odom, in_odom(drawn[1], updates[1]))
     np.testing.assert_allclose(in_map, grid.centers_m(OCCUPIED), atol=1e-5)

@@ -10,6 +10,7 @@ from drivers.core.geometry import Trajectory, rigid_transform, transform_points
 from tests.vo_service.outputs.rerun.rerun_recording import (
     count_rows,
     draw,
+    draw_file,
     is_complete,
     read_column,
 )
@@ -25,16 +26,9 @@ from vo_service.types.odometry_update import OdometryUpdate
 pytestmark = pytest.mark.rerun
 
 
-def record(
-    path: Path, updates: list[OdometryUpdate], ground_truth: Trajectory | None = None
-) -> None:
-    draw(RrdFileSink(path), updates, ground_truth=ground_truth)
-
-
 @pytest.mark.subprocess
 def test_a_recording_is_complete(tmp_path: Path) -> None:
-    path = tmp_path / "out.rrd"
-    record(path, [make_update(seq) for seq in range(30)])
+    path = draw_file(tmp_path, [make_update(seq) for seq in range(30)])
     assert is_complete(path)
     counted = count_rows(path)
     assert counted["/world/camera"] == 30
@@ -45,9 +39,8 @@ def test_a_recording_is_complete(tmp_path: Path) -> None:
 
 
 def test_poses_and_counts_are_recorded_unchanged(tmp_path: Path) -> None:
-    path = tmp_path / "out.rrd"
     updates = [make_update(seq) for seq in range(5)]
-    record(path, updates)
+    path = draw_file(tmp_path, updates)
     positions = read_column(path, "/world/camera", "Transform3D:translation")
     expected = [[u.T_world_camera[:3, 3].tolist()] for u in updates]
     np.testing.assert_allclose(np.array(positions), np.array(expected), atol=1e-6)
@@ -55,11 +48,12 @@ def test_poses_and_counts_are_recorded_unchanged(tmp_path: Path) -> None:
 
 
 def test_the_learned_timing_is_plotted_and_its_source_is_logged(tmp_path: Path) -> None:
-    path = tmp_path / "out.rrd"
     usual = OnlineTiming(0.029, 0.0, 0.004, 0.005, "usual for the sensor")
     learned = OnlineTiming(0.0305, -0.0027, 0.0012, 0.0006, "learned")
     timings = [usual, usual, learned, replace(learned, readout_sigma_s=0.001)]
-    record(path, [with_timing(make_update(seq), timing) for seq, timing in enumerate(timings)])
+    path = draw_file(
+        tmp_path, [with_timing(make_update(seq), timing) for seq, timing in enumerate(timings)]
+    )
     plotted = {
         name: [value for (value,) in read_column(path, f"/plots/timing/{name}", "Scalars:scalars")]
         for name in ("readout", "readout_sigma", "depth_offset", "depth_offset_sigma")
@@ -81,9 +75,8 @@ def with_timing(update: OdometryUpdate, timing: OnlineTiming) -> OdometryUpdate:
 
 
 def test_a_long_trajectory_is_not_resent_with_each_point(tmp_path: Path) -> None:
-    path = tmp_path / "out.rrd"
     updates = [make_update(seq) for seq in range(0, 3 * 250, 3)]
-    record(path, updates)
+    path = draw_file(tmp_path, updates)
     latest = read_column(path, "/world/trajectory/latest", "LineStrips3D:strips")
     so_far = read_column(path, "/world/trajectory/so_far", "LineStrips3D:strips")
     assert len(latest) == 250
@@ -92,21 +85,19 @@ def test_a_long_trajectory_is_not_resent_with_each_point(tmp_path: Path) -> None
 
 
 def test_the_truth_is_aligned_with_the_first_estimate(tmp_path: Path) -> None:
-    path = tmp_path / "out.rrd"
     updates = [make_update(seq) for seq in range(10)]
     T_truth_world = rigid_transform(np.diag([-1.0, -1.0, 1.0]), [5.0, 6.0, 7.0])
     stamps = np.array([update.stamp_s for update in updates])
     poses = np.array([T_truth_world @ update.T_world_camera for update in updates])
-    record(path, updates, Trajectory(stamps, poses))
+    path = draw_file(tmp_path, updates, Trajectory(stamps, poses))
     (strips,) = read_column(path, "/world/ground_truth", "LineStrips3D:strips")
     expected = [update.T_world_camera[:3, 3] for update in updates]
     np.testing.assert_allclose(np.array(strips)[0], expected, atol=1e-5)
 
 
 def test_truth_of_another_time_is_not_drawn(tmp_path: Path) -> None:
-    path = tmp_path / "out.rrd"
     ground_truth = Trajectory(np.array([1.0, 2.0]), np.array([np.eye(4), np.eye(4)]))
-    record(path, [make_update(0)], ground_truth)
+    path = draw_file(tmp_path, [make_update(0)], ground_truth)
     assert count_rows(path)["/world/ground_truth"] == 0
 
 
@@ -133,9 +124,8 @@ def test_the_next_file_has_the_map_and_the_grid_too(tmp_path: Path) -> None:
 
 
 def test_only_changes_of_state_are_recorded(tmp_path: Path) -> None:
-    path = tmp_path / "out.rrd"
     updates = [make_update(seq, ok=ok) for seq, ok in enumerate([True, True, False, False])]
-    draw(RrdFileSink(path), [*updates, STATUS, STATUS, TextLog("paused")])
+    path = draw_file(tmp_path, [*updates, STATUS, STATUS, TextLog("paused")])
     assert read_column(path, "/log", "TextLog:text") == [
         ["tracking (epoch 1)"],
         ["lost: too few matches (epoch 1)"],

@@ -18,26 +18,20 @@ VECTOR_SCHEMA = "geometry_msgs/msg/Vector3Stamped"
 
 
 @dataclass(frozen=True)
-class OdometryMessage:
-    """One odometry message.
+class TransformMessage:
+    """Transform between two frames.
 
     Attributes:
-        stamp_s: Stamp of the pose, Unix seconds.
-        frame_id: Parent frame of the pose.
-        child_frame_id: Frame that moves; the twist is in its axes.
-        T_frame_child: 4x4 pose, meters.
-        pose_covariance: 6x6, order x y z rx ry rz, axes of `frame_id`.
-        twist: (6,) m/s and rad/s.
-        twist_covariance: 6x6.
+        stamp_s: Stamp of the transform, Unix seconds.
+        frame_id: Parent frame.
+        child_frame_id: Frame that moves.
+        T_frame_child: 4x4, meters.
     """
 
-    stamp_s: float
+    stamp_s: StampSeconds
     frame_id: str
     child_frame_id: str
     T_frame_child: Array
-    pose_covariance: Array
-    twist: Array
-    twist_covariance: Array
 
     @property
     def position_m(self) -> Array:
@@ -48,6 +42,22 @@ class OdometryMessage:
     def quaternion_xyzw(self) -> Array:
         """(4,) orientation of the child frame."""
         return quaternion_from_rotation(self.T_frame_child[:3, :3])
+
+
+@dataclass(frozen=True)
+class OdometryMessage(TransformMessage):
+    """A pose and a velocity, with their covariances.
+
+    Attributes:
+        pose_covariance: 6x6, order x y z rx ry rz, axes of `frame_id`.
+        twist: (6,) m/s and rad/s, in axes of `child_frame_id`.
+        twist_covariance: 6x6.
+    """
+
+    stamp_s: float
+    pose_covariance: Array
+    twist: Array
+    twist_covariance: Array
 
 
 def encode_odometry(message: OdometryMessage) -> bytes:
@@ -87,31 +97,6 @@ def encode_twist(twist: Array) -> bytes:
     return writer.to_bytes()
 
 
-@dataclass(frozen=True)
-class TransformMessage:
-    """Transform between two frames.
-
-    Attributes:
-        stamp_s: Stamp of the transform, Unix seconds.
-        T_frame_child: 4x4, meters.
-    """
-
-    stamp_s: StampSeconds
-    frame_id: str
-    child_frame_id: str
-    T_frame_child: Array
-
-    @property
-    def translation_m(self) -> Array:
-        """(3,) position of the child frame, meters."""
-        return self.T_frame_child[:3, 3]
-
-    @property
-    def quaternion_xyzw(self) -> Array:
-        """(4,) orientation of the child frame."""
-        return quaternion_from_rotation(self.T_frame_child[:3, :3])
-
-
 def encode_transform(message: TransformMessage) -> bytes:
     """Encode a ``TransformStamped`` as CDR.
 
@@ -137,7 +122,7 @@ def _write_transform(writer: CdrWriter, message: TransformMessage) -> None:
         raise ValueError(f"transform at {message.stamp_s} s has a number that is not finite")
     writer.header(message.stamp_s, message.frame_id)
     writer.string(message.child_frame_id)
-    writer.float64s(np.concatenate([message.translation_m, message.quaternion_xyzw]))
+    writer.float64s(np.concatenate([message.position_m, message.quaternion_xyzw]))
 
 
 def encode_pose(stamp_s: StampSeconds, frame_id: str, T_frame_body: Array) -> bytes:

@@ -11,7 +11,6 @@ from typing import Any
 
 import zenoh
 
-from drivers.core.geometry import Array
 from drivers.ros_messages.decoding import decode_odometry, decode_transform
 from drivers.ros_messages.navigation import OdometryMessage, TransformMessage
 from vo_service.cli.options import DEFAULT_PREFIX, ClientConfigFile, ClientPrefix, Connect
@@ -70,7 +69,7 @@ class TextPosePrinter:
                 f"map: {attachment['map_keyframes']} keyframes; its transform to odom is unknown"
             )
             return
-        position = " ".join(f"{v:.4f}" for v in message.translation_m)
+        position = " ".join(f"{v:.4f}" for v in message.position_m)
         quaternion = " ".join(f"{v:.5f}" for v in message.quaternion_xyzw)
         print_notice(
             f"map: {attachment['map_keyframes']} keyframes, {loop_closures} loop closures; "
@@ -85,7 +84,7 @@ class JsonPosePrinter:
         """Print the pose with the fields of the attachment."""
         names = ["seq", "state", "epoch", "reason"]
         keys = [name for name in names if name in attachment]
-        self._print_pose("pose", message, message.position_m, attachment, keys)
+        self._print_pose("pose", message, attachment, keys)
 
     def print_status(self, content: dict[str, Any]) -> None:
         """Print the whole status."""
@@ -94,13 +93,12 @@ class JsonPosePrinter:
     def print_map_odom(self, message: TransformMessage, attachment: dict[str, Any]) -> None:
         """Print the transform with the fields of the attachment."""
         keys = ["seq", "epoch", "is_localized", "map_keyframes", "loop_closures"]
-        self._print_pose("map_odom", message, message.translation_m, attachment, keys)
+        self._print_pose("map_odom", message, attachment, keys)
 
     def _print_pose(
         self,
         kind: str,
-        message: OdometryMessage | TransformMessage,
-        position_m: Array,
+        message: TransformMessage,
         attachment: dict[str, Any],
         keys: list[str],
     ) -> None:
@@ -109,7 +107,7 @@ class JsonPosePrinter:
             stamp_s=message.stamp_s,
             frame_id=message.frame_id,
             child_frame_id=message.child_frame_id,
-            position_m=position_m.tolist(),
+            position_m=message.position_m.tolist(),
             quaternion_xyzw=message.quaternion_xyzw.tolist(),
             **{key: attachment[key] for key in keys},
         )

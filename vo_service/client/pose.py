@@ -122,7 +122,7 @@ def make_pose(received: ReceivedPose, is_continuous: bool, missed: int) -> Pose:
     Args:
         is_continuous: Whether it continues the reader's previous pose.
     """
-    message, attachment = received.message, received.attachment
+    message = received.message
     return Pose(
         stamp_s=message.stamp_s,
         frame_id=message.frame_id,
@@ -131,10 +131,7 @@ def make_pose(received: ReceivedPose, is_continuous: bool, missed: int) -> Pose:
         pose_covariance=message.pose_covariance,
         twist=message.twist,
         twist_covariance=message.twist_covariance,
-        seq=attachment.seq,
-        state=attachment.state,
-        reason=attachment.reason,
-        epoch=attachment.epoch,
+        **vars(received.attachment),
         is_continuous=is_continuous,
         missed=missed,
         receive_time_s=received.receive_time_s,

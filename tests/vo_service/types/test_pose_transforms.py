@@ -20,7 +20,7 @@ def transforms(update: OdometryUpdate) -> list[tuple[str, str, float]]:
     """Return frames and x of an update's transforms, which must have its stamp."""
     found = pose_transforms(update, FRAMES)
     assert {each.stamp_s for each in found} <= {update.stamp_s}
-    return [(each.frame_id, each.child_frame_id, each.translation_m[0]) for each in found]
+    return [(each.frame_id, each.child_frame_id, each.position_m[0]) for each in found]
 
 
 def test_with_a_map_there_are_its_transform_and_that_of_the_base() -> None:

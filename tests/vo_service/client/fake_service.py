@@ -140,3 +140,17 @@ def publish_and_receive(
     """Publish a pose and return what a reader gets."""
     publisher.publish_pose(seq, **attachment)
     return next(poses)
+
+
+def set_reply(
+    service: FakeService, client: PoseClient, name: str, reply: dict[str, Any]
+) -> list[Any]:
+    """Make the service reply in this way, and wait until the client knows that it replies.
+
+    Returns:
+        The arguments that it receives.
+    """
+    received_arguments = service.answer_with(name, reply)
+    querier: Any = client._connection.sessions[0].declare_querier(f"kinect/{name}")
+    wait_until(lambda: bool(querier.matching_status.matching))
+    return received_arguments

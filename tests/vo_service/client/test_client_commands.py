@@ -10,7 +10,7 @@ import zenoh
 
 from drivers.camera import Led
 from drivers.core.geometry import rigid_transform
-from tests.vo_service.client.fake_service import FakeService, running_fake_service
+from tests.vo_service.client.fake_service import FakeService, running_fake_service, set_reply
 from tests.waiting import wait_until
 from vo_service import CommandRefused, PoseClient, ServiceUnavailable
 from vo_service.types.commands import (
@@ -53,16 +53,6 @@ def service() -> Iterator[FakeService]:
     """A service of each test's own, as a reply cannot be taken back."""
     with running_fake_service() as running:
         yield running
-
-
-def set_reply(
-    service: FakeService, client: PoseClient, name: str, reply: dict[str, Any]
-) -> list[Any]:
-    """Make the service reply in this way; return the list of received arguments."""
-    received_arguments = service.answer_with(name, reply)
-    querier: Any = client._connection.sessions[0].declare_querier(f"kinect/{name}")
-    wait_until(lambda: bool(querier.matching_status.matching))
-    return received_arguments
 
 
 @pytest.mark.parametrize("name", COMMANDS)

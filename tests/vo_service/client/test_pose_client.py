@@ -9,6 +9,7 @@ import pytest
 from tests.vo_service.client.fake_service import (
     FakeService,
     publish_and_receive,
+    set_reply,
     wait_for_pose,
 )
 from tests.waiting import wait_until
@@ -183,7 +184,7 @@ def test_the_first_status_of_a_service_that_starts_is_waited_for(
     service: FakeService, client: PoseClient
 ) -> None:
     refusal = {"error": "not-possible", "message": "there is no status yet"}
-    queries = service.answer_with("status", refusal)
+    queries = set_reply(service, client, "status", refusal)
     with ThreadPoolExecutor() as pool:
         status = pool.submit(client.status, 100.0)
         wait_until(lambda: bool(queries))

@@ -58,18 +58,6 @@ print(double(3))
 """
 
 
-@pytest.mark.subprocess
-def test_a_user_program_shares_the_kernel_cache_of_the_command_line(tmp_path: Path) -> None:
-    (tmp_path / "program.py").write_text(PROGRAM)
-    environment = {name: text for name, text in os.environ.items() if name != "NUMBA_CACHE_DIR"}
-    subprocess.run(
-        [sys.executable, str(tmp_path / "program.py")],
-        env=environment | {"CACHE_DIRECTORY": str(tmp_path / "cache"), "PYTHONPATH": str(ROOT)},
-        check=True,
-    )
-    assert list((tmp_path / "cache" / "kernels").rglob("program.double*.nbi"))
-
-
 FOUR_KERNELS = """
 from drivers.core.jit import kernel
 
@@ -129,7 +117,7 @@ assert quadruple(3) == 12
 
 
 @pytest.mark.subprocess
-def test_a_loaded_kernel_prepares_no_compiler_and_can_be_called_by_a_new_one(
+def test_a_user_program_shares_the_kernel_cache_and_prepares_no_compiler_for_a_loaded_kernel(
     tmp_path: Path,
 ) -> None:
     (tmp_path / "program.py").write_text(PROGRAM)
@@ -139,6 +127,7 @@ def test_a_loaded_kernel_prepares_no_compiler_and_can_be_called_by_a_new_one(
     subprocess.run(
         [sys.executable, "-c", "import program"], cwd=tmp_path, env=environment, check=True
     )
+    assert list((tmp_path / "cache" / "kernels").rglob("program.double*.nbi"))
     subprocess.run([sys.executable, "caller.py"], cwd=tmp_path, env=environment, check=True)
 
 

@@ -42,6 +42,7 @@ ABLATIONS: Mapping[str, Changes] = {
     },
     "small-planes": {"PLANE_RADIUS_PX": 4},
     "dynamic-points-kept": {"MIN_OBSERVED_SHARE": 2},
+    "no-robot-body": {"MIN_BODY_VIEWS": NO_LIMIT},
     "wide-velocity-prior": {"VELOCITY_SIGMA": (0.3, 1.0), "VELOCITY_SIGMA_RANGE": (1, 10)},
     "no-angular-acceleration": {"TREMOR_SPAN_S": 1000},
     "no-filter": {"MIN_PREDICTION_SHARE": NO_LIMIT},

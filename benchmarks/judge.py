@@ -15,6 +15,7 @@ import numpy as np
 from benchmarks.changed_recordings import make_perturbation
 from benchmarks.hard_cases import SCENES, SLOW, evaluate_scene, read_scene
 from benchmarks.harness import Json, ResultCache, Table, format_counts, median, median_figure
+from benchmarks.other_sensors import show_robot
 from benchmarks.rendered_sequences import render_all
 from benchmarks.sensor_timing import tell_exactly, tell_nothing
 from benchmarks.tracking import evaluate_accuracy, open_frames_with_truth, track
@@ -39,6 +40,8 @@ PERTURBATIONS = (1, 2, 3, 4, 5)
 STARTS = (0.04, 0.08, 0.12)
 STEPS = (3, 5, 10)
 STEP_PERTURBATIONS = (0, 1, 2)
+# Scenes that are also seen with a part of the robot in view.
+ROBOT_SCENES = ("person", "wall", "wall-drive")
 # Shorter recordings have no frames to leave out.
 MIN_FRAMES_TO_STEP = 100
 
@@ -57,6 +60,7 @@ class Case:
         step: Every so many-th frame is used.
         end: Frame after the last one; None for all.
         scene: Name of the hard scene, "" for a recording.
+        shows_robot: Whether a part of the robot is in view.
     """
 
     group: str
@@ -68,6 +72,7 @@ class Case:
     step: int = 1
     end: int | None = None
     scene: str = ""
+    shows_robot: bool = False
 
     @property
     def key(self) -> str:
@@ -88,6 +93,8 @@ class Case:
             if frame.seq < self.first or (frame.seq - self.first) % self.step:
                 continue
             known = tell_exactly(frame) if self.is_told else tell_nothing(frame)
+            if self.shows_robot:
+                known = show_robot(known)
             yield perturb(known) if perturb else known
 
 
@@ -285,6 +292,11 @@ def make_cases(
         configs = {name: read_scene(name) for name in names}
         scenes = render_all(kept, configs, processes)
         cases += [Case(name, path, methods[0], scene=name) for name, path in scenes.items()]
+        cases += [
+            Case(f"{name}, robot in view", path, methods[0], scene=name, shows_robot=True)
+            for name, path in scenes.items()
+            if name in ROBOT_SCENES
+        ]
     return cases
 
 

@@ -1,4 +1,4 @@
-"""Changes that make a recording what another sensor would have seen."""
+"""Changes that make a recording what another sensor, or one on a robot, would have seen."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -36,6 +36,23 @@ def make_other_sensors() -> Mapping[str, FrameChange]:
         "in the dark": _darken,
         "in the dark, noise 0.004 1/m": lambda frame: _add_noise(0.004, 3.0, _darken(frame)),
     }
+
+
+def show_robot(frame: RgbdFrame) -> RgbdFrame:
+    """Show a textured part of the robot in the lowest tenth of the image, half a meter away."""
+    height, width = frame.depth_raw.shape
+    paint = np.random.default_rng(5).integers(20, 230, (60, 80), np.uint8)
+    texture = cv2.resize(paint, (width, height), interpolation=cv2.INTER_CUBIC)
+    v, u = np.mgrid[:height, :width]
+    is_robot = v > 0.87 * height + 0.06 * height * np.sin(10.0 * u / width)
+    depth_m = 0.45 + 0.3 * (height - v) / height
+    return replace(
+        frame,
+        color_bgr=np.where(is_robot[..., None], texture[..., None], frame.color_bgr),
+        depth_raw=np.where(is_robot, np.rint(depth_m * frame.depth_factor), frame.depth_raw).astype(
+            np.uint16
+        ),
+    )
 
 
 def _darken(frame: RgbdFrame) -> RgbdFrame:

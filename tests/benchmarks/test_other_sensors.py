@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from benchmarks.other_sensors import make_other_sensors
+from benchmarks.other_sensors import make_other_sensors, show_robot
+from drivers.core.geometry import rigid_transform
 from tests.vo_service.odometry.synthetic_views import render_corner
 
 
@@ -34,3 +35,12 @@ def test_a_sensor_of_a_small_area_or_a_short_range_has_depth_there_only() -> Non
     assert (
         make_other_sensors()["depth up to 1.5 m"](frame).depth_m.max() <= 1.5 < frame.depth_m.max()
     )
+
+
+def test_a_robot_in_view_looks_the_same_in_all_frames() -> None:
+    T_aside = rigid_transform(np.eye(3), [0.3, 0.0, 0.0])
+    one, other = (show_robot(render_corner(T)) for T in (np.eye(4), T_aside))
+    is_robot = one.depth_m < 0.6
+    assert 0.08 < is_robot.mean() < 0.16
+    np.testing.assert_array_equal(one.depth_raw[is_robot], other.depth_raw[is_robot])
+    np.testing.assert_array_equal(one.color_bgr[is_robot], other.color_bgr[is_robot])

@@ -96,7 +96,7 @@ def _count_views(
     block_points: Array,
     views: NDArray[np.int64],
 ) -> None:
-    """Count a view in which a block is at rest; start anew where it moves as the room does.
+    """Count a view in which a block is at rest; start anew where it is not, or as the room is.
 
     Args:
         grays: (H / 2, W / 2) brightness of the frame and of the keyframe.
@@ -122,9 +122,13 @@ def _count_views(
             if max(abs(u_before - u), abs(v_before - v)) < DYNAMIC_BLOCK_PX:
                 continue
             tolerance = MAX_SAME_SURFACE_RATIO * surface_step(1.0 / z, noise)
-            is_at_rest = _is_same_depth(depth, u, v, 1.0 / z, tolerance) and _is_same_texture(
-                gray, u, v, gray_before, u, v
-            )
+            there = inverse_depth(depth[0][v, u], depth[1])
+            if there == 0.0:
+                continue
+            if abs(there - 1.0 / z) > tolerance:
+                views[i, j] = 0
+                continue
+            is_at_rest = _is_same_texture(gray, u, v, gray_before, u, v)
             if not is_at_rest and views[i, j] == 0:
                 continue
             is_in_room = _is_same_depth(

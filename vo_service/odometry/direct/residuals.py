@@ -196,11 +196,7 @@ def count_residuals(
     """
     in_image = disregarded = with_depth = depth_agrees = 0.0
     with_brightness = brightness_agrees = occluded = 0.0
-    squared, squared_depth = _squared_residuals(
-        (points.brightness, points.brightness_variance),
-        (samples.brightness, samples.depth_residual),
-        residual_model,
-    )
+    squared, squared_depth = _squared_residuals(points, samples, residual_model)
     for i in range(len(points.brightness)):
         cell = samples.cell[i]
         if samples.occlusion[i] > 0:
@@ -243,11 +239,7 @@ def negative_log_likelihood(
         samples: Of these points in a frame.
         residual_model: Of the frame.
     """
-    squared, squared_depth = _squared_residuals(
-        (points.brightness, points.brightness_variance),
-        (samples.brightness, samples.depth_residual),
-        residual_model,
-    )
+    squared, squared_depth = _squared_residuals(points, samples, residual_model)
     total = total_depth = count = count_depth = 0.0
     for i in range(len(points.brightness)):
         if samples.cell[i] < 0 or samples.occlusion[i] > 0:
@@ -340,11 +332,7 @@ def _mean_cell_costs(
     A point in free space of the frame has the largest cost; an occluded one has none.
     """
     sums, counts = np.zeros(NUM_CELLS), np.zeros(NUM_CELLS)
-    squared, squared_depth = _squared_residuals(
-        (points.brightness, points.brightness_variance),
-        (samples.brightness, samples.depth_residual),
-        residual_model,
-    )
+    squared, squared_depth = _squared_residuals(points, samples, residual_model)
     for i in range(len(points.brightness)):
         cell = samples.cell[i]
         if cell < 0 or samples.occlusion[i] > 0:
@@ -368,17 +356,11 @@ def _mean_cell_costs(
 
 @kernel
 def _squared_residuals(
-    of_points: tuple[Array, Array], of_samples: tuple[Array, Array], residual_model: ResidualModel
+    points: Points, samples: Samples, residual_model: ResidualModel
 ) -> tuple[Array, Array]:
-    """Squared residuals (N,) of brightness and of depth, in variances; NaN without a sample.
-
-    Args:
-        of_points: (N,) brightness and its variance.
-        of_samples: (N,) brightness and depth residual.
-        residual_model: Of the frame.
-    """
-    keyframe_brightness, point_variance = of_points
-    brightness, depth = of_samples
+    """Squared residuals (N,) of brightness and of depth, in variances; NaN without a sample."""
+    keyframe_brightness, point_variance = points.brightness, points.brightness_variance
+    brightness, depth = samples.brightness, samples.depth_residual
     count = len(brightness)
     squared, squared_depth = np.empty(count), np.empty(count)
     gain = residual_model.gain

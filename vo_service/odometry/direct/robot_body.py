@@ -2,7 +2,7 @@
 
 Where all else in view tells little, as before a bare wall, texture on it would tell that the camera
 stands. Blocks of the image belong to the body if they show the same texture at the same depth as in
-the keyframe before, though the room moved past by many pixels and does not fit there.
+the keyframe before, and do not fit where the room has moved.
 """
 
 from dataclasses import dataclass, field
@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.core.geometry import Array
-from drivers.core.jit import inline_kernel, kernel
+from drivers.core.geometry import Array, inverse
+from drivers.core.jit import kernel
 from vo_service.odometry.direct.dynamic_points import (
     BLOCK_CENTER_PX,
     backproject_blocks,
@@ -62,11 +62,11 @@ class RobotBody:
         same_size = self.views.shape == block_points.shape[:2]
         views = self.views.copy() if same_size else np.zeros(block_points.shape[:2], np.int64)
         _count_views(
-            (images.gray[0], before.gray[0]),
-            (before.depth.raw, before.depth.factor),
-            before.intrinsics[0],
+            (images.gray[0], depth.raw, depth.factor),
+            (before.gray[0], before.depth.raw, before.depth.factor),
+            images.intrinsics[0],
             images.depth_noise,
-            T_keyframe_camera,
+            (T_keyframe_camera, inverse(T_keyframe_camera)),
             block_points,
             views,
         )
@@ -86,69 +86,93 @@ class RobotBody:
         return np.asarray(blocks) if blocks.any() else None
 
 
+# (H / 2, W / 2) brightness, (H, W) raw depth, and its value per meter.
+View = tuple[NDArray[np.uint8], NDArray[np.uint16], float]
+
+
 @kernel
 def _count_views(
-    grays: tuple[NDArray[np.uint8], NDArray[np.uint8]],
-    depth: tuple[NDArray[np.uint16], float],
+    view: View,
+    keyframe: View,
     intrinsics: Array,
     noise: float,
-    T_keyframe_camera: Array,
+    motion: tuple[Array, Array],
     block_points: Array,
     views: NDArray[np.int64],
 ) -> None:
     """Count a view in which a block is at rest; start anew where it is not, or as the room is.
 
     Args:
-        grays: (H / 2, W / 2) brightness of the frame and of the keyframe.
-        depth: (H, W) raw depth of the keyframe, 0 = no reading, and its value per meter.
+        view: The frame.
+        keyframe: The keyframe.
         intrinsics: (4,) of both.
         noise: Of the inverse depth of a pixel, 1/m.
-        T_keyframe_camera: 4x4.
+        motion: 4x4 T_keyframe_camera and its inverse.
         block_points: (rows, columns, 3) in the camera's axes, m; z = 0 without depth.
         views: (rows, columns), in and out.
     """
-    gray, gray_before = grays
+    T_keyframe_camera, T_camera_keyframe = motion
     for i in range(views.shape[0]):
         for j in range(views.shape[1]):
-            x, y, z = block_points[i, j]
-            if z < MIN_DEPTH_M:
-                continue
             u, v = j * DYNAMIC_BLOCK_PX + BLOCK_CENTER_PX, i * DYNAMIC_BLOCK_PX + BLOCK_CENTER_PX
-            x_before, y_before, z_before = transform_point(T_keyframe_camera, x, y, z)
-            if z_before < MIN_DEPTH_M:
+            position, there = block_points[i, j], inverse_depth(keyframe[1][v, u], keyframe[2])
+            if position[2] < MIN_DEPTH_M or there == 0.0:
                 continue
-            u_float, v_float = project(x_before, y_before, z_before, intrinsics)
-            u_before, v_before = int(u_float + 0.5), int(v_float + 0.5)
-            if max(abs(u_before - u), abs(v_before - v)) < DYNAMIC_BLOCK_PX:
-                continue
-            tolerance = MAX_SAME_SURFACE_RATIO * surface_step(1.0 / z, noise)
-            there = inverse_depth(depth[0][v, u], depth[1])
-            if there == 0.0:
-                continue
-            if abs(there - 1.0 / z) > tolerance:
+            w = 1.0 / position[2]
+            if abs(there - w) > MAX_SAME_SURFACE_RATIO * surface_step(w, noise):
                 views[i, j] = 0
                 continue
-            is_at_rest = _is_same_texture(gray, u, v, gray_before, u, v)
+            is_at_rest = _is_same_texture(view[0], u, v, keyframe[0], u, v)
             if not is_at_rest and views[i, j] == 0:
                 continue
-            is_in_room = _is_same_depth(
-                depth, u_before, v_before, 1.0 / z_before, tolerance
-            ) and _is_same_texture(gray, u, v, gray_before, u_before, v_before)
-            if is_at_rest and not is_in_room:
+            # Outside of the keyframe: the surface that it saw here is sought in the view.
+            fits = _fits_in_room(
+                view[0], u, v, position, T_keyframe_camera, keyframe, intrinsics, noise
+            )
+            if fits < 0:
+                fits = _fits_in_room(
+                    keyframe[0], u, v, position, T_camera_keyframe, view, intrinsics, noise
+                )
+            if is_at_rest and fits == 0:
                 views[i, j] += 1
-            elif is_in_room and not is_at_rest:
+            elif fits == 1 and not is_at_rest:
                 views[i, j] = 0
 
 
-@inline_kernel
-def _is_same_depth(
-    depth: tuple[NDArray[np.uint16], float], u: int, v: int, w: float, tolerance: float
-) -> bool:
-    """Whether a raw depth image, with its value per meter, has the inverse depth w at a pixel."""
-    depth_raw, depth_factor = depth
-    if not (0 <= u < depth_raw.shape[1] and 0 <= v < depth_raw.shape[0]):
-        return False
-    return bool(abs(inverse_depth(depth_raw[v, u], depth_factor) - w) <= tolerance)
+@kernel
+def _fits_in_room(
+    gray: NDArray[np.uint8],
+    u: int,
+    v: int,
+    position: Array,
+    T_other: Array,
+    other: View,
+    intrinsics: Array,
+    noise: float,
+) -> int:
+    """Whether another view shows the surface at pixel (u, v) where the motion puts it; -1 outside.
+
+    Args:
+        gray: (H / 2, W / 2) brightness with the surface.
+        u: Column in the whole image.
+        v: Row in it.
+        position: (3,) of the surface in the camera's axes, m.
+        T_other: 4x4 from these axes to those of the other view.
+        other: The other view.
+        intrinsics: (4,) of both.
+        noise: Of the inverse depth of a pixel, 1/m.
+    """
+    x, y, z = transform_point(T_other, position[0], position[1], position[2])
+    if z < MIN_DEPTH_M:
+        return -1
+    u_float, v_float = project(x, y, z, intrinsics)
+    u_other, v_other = int(u_float + 0.5), int(v_float + 0.5)
+    gray_other, depth_raw, depth_factor = other
+    if not (0 <= u_other < depth_raw.shape[1] and 0 <= v_other < depth_raw.shape[0]):
+        return -1
+    difference = abs(inverse_depth(depth_raw[v_other, u_other], depth_factor) - 1.0 / z)
+    is_same_depth = difference <= MAX_SAME_SURFACE_RATIO * surface_step(1.0 / z, noise)
+    return int(is_same_depth and _is_same_texture(gray, u, v, gray_other, u_other, v_other))
 
 
 @kernel

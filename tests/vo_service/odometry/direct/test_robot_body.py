@@ -10,6 +10,7 @@ from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import Array, inverse, rigid_transform, so3_exp
 from tests.vo_service.odometry.direct.rolling_shutter_views import (
     CAMERA,
+    WALL,
     MovingCamera,
     add_noise,
     render_view,
@@ -88,6 +89,13 @@ def test_a_room_is_not_the_body(poses: list[Array]) -> None:
 def test_a_plain_surface_at_one_depth_may_be_a_floor() -> None:
     frames = [with_body(view_from(T, n), contrast=0.0) for n, T in enumerate(WALK)]
     assert body_after(frames, WALK).blocks is None
+
+
+def test_stripes_along_the_motion_are_not_the_body() -> None:
+    stripes = np.zeros((240, 320, 3), np.uint8)
+    stripes[np.arange(240) % 16 < 8] = 200
+    room = [add_noise(render_view(MovingCamera(T_world_start=T), planes=(WALL,)), 0) for T in WALK]
+    assert body_after([replace(frame, color_bgr=stripes) for frame in room], WALK).blocks is None
 
 
 def test_a_camera_that_stands_still_tells_nothing() -> None:

@@ -76,6 +76,18 @@ def test_texture_that_stays_while_the_camera_moves_is_the_body(poses: list[Array
     assert body.blocks[~BODY_ROWS].mean() < 0.06
 
 
+def test_a_smooth_shade_is_the_body_if_its_depth_stays() -> None:
+    """It looks the same a few pixels further, where a camera that moves forward would see it."""
+    shade = np.zeros((240, 320, 3), np.uint8)
+    shade[TOP_PX:] = np.linspace(40, 208, 240 - TOP_PX)[:, None, None].astype(np.uint8)
+    poses = [rigid_transform(np.eye(3), [0.0, 0.0, 0.15 * n]) for n in range(3)]
+    frames = [with_body(view_from(T, n)) for n, T in enumerate(poses)]
+    shaded = [replace(each, color_bgr=np.where(shade, shade, each.color_bgr)) for each in frames]
+    blocks = body_after(shaded, poses).blocks
+    assert blocks is not None
+    assert blocks[BODY_ROWS].mean() > 0.9
+
+
 def test_one_keyframe_is_too_few_to_tell() -> None:
     body = body_after([with_body(view_from(T, n)) for n, T in enumerate(WALK[:2])], WALK[:2])
     assert body.blocks is None

@@ -43,7 +43,7 @@ from vo_service.service import OdometryMethod, Service, ServiceInput
 from vo_service.service_statistics import ServiceStatistics
 from vo_service.signals import StopSignal
 from vo_service.terminal import set_log_level
-from vo_service.types.odometry import Odometry
+from vo_service.types.odometry import DeferredWork, Odometry
 from vo_service.types.odometry_update import AddScan, WheelMessageSource, add_no_scan
 from vo_service.types.outputs import (
     GroundTruthSource,
@@ -385,12 +385,12 @@ def run_replay(
         wheel_odometry: The motion of the base by its wheels.
         add_scan: Adds the scan to the updates.
     """
-    timer = CpuStageTimer()
+    timer, deferred = CpuStageTimer(), DeferredWork()
     odom_frame = OdomFrame(config.T_base_camera.T_base_camera, config.base.planar, wheel_odometry)
-    odometry = loop_closure.wrap(config.odometry.make_odometry(timer))
+    odometry = loop_closure.wrap(config.odometry.make_odometry(timer, deferred))
     service = Service(
         _make_input(config, camera, frame_source),
-        OdometryMethod(config.odometry.method, odometry, timer),
+        OdometryMethod(config.odometry.method, odometry, timer, deferred),
         odom_frame,
         Control(odom_frame, camera),
         outputs,
@@ -447,8 +447,8 @@ def build_live_service(
         The loop, and the functions that apply a changed configuration on its thread.
     """
     camera = make_reconnecting(camera)
-    timer = CpuStageTimer()
-    odometry = config.odometry.make_odometry(timer)
+    timer, deferred = CpuStageTimer(), DeferredWork()
+    odometry = config.odometry.make_odometry(timer, deferred)
     odom_frame = OdomFrame(
         config.T_base_camera.T_base_camera, config.base.planar, dependencies.wheel_odometry
     )
@@ -458,7 +458,7 @@ def build_live_service(
     frame_source = LiveSource(camera, dependencies.sensor_memory.apply)
     service = Service(
         _make_input(config, camera, frame_source),
-        OdometryMethod(config.odometry.method, mapper.loop_closure.wrap(odometry), timer),
+        OdometryMethod(config.odometry.method, mapper.loop_closure.wrap(odometry), timer, deferred),
         odom_frame,
         Control(odom_frame, camera, dependencies.command_queue, opened.recorder, mapper),
         [*opened.outputs, *dependencies.more_outputs],

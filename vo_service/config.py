@@ -41,7 +41,7 @@ from vo_service.odometry.registry import (
     TIMING_MODES,
     make_odometry,
 )
-from vo_service.types.odometry import Odometry, StageTimer
+from vo_service.types.odometry import Odometry, StageTimer, WorkQueue
 from vo_service.types.outputs import Output
 
 logger = logging.getLogger(__name__)
@@ -132,7 +132,7 @@ class OdometryConfig:
             hint = suggest_choice(self.profile, PROFILES)
             raise FieldError(("profile",), f"{self.profile!r} is unknown; {hint}")
 
-    def make_odometry(self, timer: StageTimer) -> Odometry:
+    def make_odometry(self, timer: StageTimer, deferred: WorkQueue) -> Odometry:
         """Make the odometry that the table describes."""
         return make_odometry(
             self.method,
@@ -141,6 +141,7 @@ class OdometryConfig:
             timing=self.timing,
             profile=self.profile,
             timer=timer,
+            deferred=deferred,
         )
 
 

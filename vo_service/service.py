@@ -3,7 +3,7 @@
 import threading
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from drivers.camera import RgbdCamera, RgbdFrame
 from drivers.plausibility import PlausibilityCheck
@@ -15,7 +15,7 @@ from vo_service.service_statistics import ServiceStatistics
 from vo_service.service_status import StatusReporter
 from vo_service.types.estimate import Estimate
 from vo_service.types.failure_reasons import strip_numbers
-from vo_service.types.odometry import Odometry
+from vo_service.types.odometry import DeferredWork, Odometry
 from vo_service.types.odometry_update import (
     AddScan,
     OdometryUpdate,
@@ -50,11 +50,13 @@ class OdometryMethod:
         name: Its name, for the status.
         odometry: Estimates the motion, with relocalization around it if there is any.
         stage_timer: Measures the stages of the odometry.
+        deferred: Keeps the odometry's work that can wait until an estimate is published.
     """
 
     name: str
     odometry: Odometry
     stage_timer: CpuStageTimer
+    deferred: DeferredWork = field(default_factory=DeferredWork)
 
 
 class Service:
@@ -90,6 +92,7 @@ class Service:
         self._clock = service_input.clock
         self._odometry = method.odometry
         self._stage_timer = method.stage_timer
+        self._deferred = method.deferred
         self._odom_frame = odom_frame
         self._outputs = outputs
         self._control = control
@@ -142,6 +145,10 @@ class Service:
         # Outputs: Zenoh, Rerun, recorder, mapper, trajectory file.
         for output in self._outputs:
             output.on_update(update)
+        # Deferred: the odometry gets ready for the next frame.
+        begin_cpu_s = time.thread_time()
+        self._deferred.run()
+        cpu_s += time.thread_time() - begin_cpu_s
         self.statistics.add(update, cpu_s * 1e3)
         self._last = update
         self._plausibility.add(frame)

@@ -16,6 +16,7 @@ from vo_service.odom_frame import OdomFrame
 from vo_service.odometry.stage_timers import CpuStageTimer
 from vo_service.service import OdometryMethod, Service, ServiceInput
 from vo_service.types.estimate import Estimate
+from vo_service.types.odometry import DeferredWork
 from vo_service.types.outputs import LoopClosure, NullLoopClosure, Output
 
 
@@ -29,11 +30,17 @@ def make_service(
     odometry: ScriptedOdometry | None = None,
     loops: LoopClosure | None = None,
     method: str = "surf",
+    deferred: DeferredWork | None = None,
 ) -> Service:
     camera, tracker = camera or ScriptedCamera(), OdomFrame()
     return Service(
         ServiceInput(camera, feed, stamps or RecordedClock()),
-        OdometryMethod(method, odometry or ScriptedOdometry(*estimates), CpuStageTimer()),
+        OdometryMethod(
+            method,
+            odometry or ScriptedOdometry(*estimates),
+            CpuStageTimer(),
+            deferred or DeferredWork(),
+        ),
         tracker,
         Control(tracker, camera, inbox),
         outputs,

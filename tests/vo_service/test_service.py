@@ -9,7 +9,7 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from drivers.camera import CameraState, CameraStatus, FrameTimeout
+from drivers.camera import CameraState, CameraStatus, FrameTimeout, RgbdFrame
 from drivers.core import CameraLostError
 from drivers.reconnect import ReconnectingCamera
 from tests.vo_service.fakes import (
@@ -19,6 +19,7 @@ from tests.vo_service.fakes import (
     FakeClock,
     InstantStop,
     ScriptedCamera,
+    ScriptedOdometry,
     failed_estimate,
     good_estimate,
     make_frame,
@@ -32,7 +33,9 @@ from vo_service.odom_frame import OdomFrame
 from vo_service.odometry.stage_timers import STAGE_BUDGETS_MS
 from vo_service.service_statistics import ServiceStatistics
 from vo_service.service_status import StatusReporter
-from vo_service.types.odometry_update import TrackingState
+from vo_service.types.estimate import Estimate
+from vo_service.types.odometry import DeferredWork
+from vo_service.types.odometry_update import OdometryUpdate, TrackingState
 
 
 @pytest.fixture
@@ -53,6 +56,27 @@ def test_every_frame_goes_to_every_output_in_order() -> None:
     for output in outputs:
         assert [pose.frame.seq for pose in output.poses] == [0, 1, 2, 3, 4]
         assert [pose.seq for pose in output.poses] == [0, 1, 2, 3, 4]
+
+
+def test_the_odometrys_deferred_work_is_done_between_two_frames() -> None:
+    order: list[str] = []
+    deferred = DeferredWork()
+
+    class BusyOdometry(ScriptedOdometry):
+        def estimate(self, frame: RgbdFrame) -> Estimate:
+            order.append(f"estimate {frame.seq}")
+            deferred.add(lambda: order.append(f"work {frame.seq}"))
+            return super().estimate(frame)
+
+    class ListedOutput(CollectingOutput):
+        def on_update(self, update: OdometryUpdate) -> None:
+            order.append(f"output {update.seq}")
+
+    with ScriptedCamera([make_frame(0), make_frame(1)]) as camera:
+        make_service(
+            FrameSource(camera), [ListedOutput()], odometry=BusyOdometry(), deferred=deferred
+        ).run(threading.Event())
+    assert order == ["estimate 0", "output 0", "work 0", "estimate 1", "output 1", "work 1"]
 
 
 def test_implausible_depth_is_a_warning_of_the_status(caplog: pytest.LogCaptureFixture) -> None:

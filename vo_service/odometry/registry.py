@@ -6,10 +6,10 @@ commands need none.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from drivers.core import InputError, PluginGroup
-from vo_service.types.odometry import NullStageTimer, Odometry, StageTimer
+from vo_service.types.odometry import ImmediateWork, NullStageTimer, Odometry, StageTimer, WorkQueue
 
 DEFAULT_METHOD = "direct"
 MIN_FEATURES, MAX_FEATURES = 50, 5000
@@ -28,12 +28,14 @@ class MethodConfig:
         upright: Whether the camera never rolls.
         timing: One of `TIMING_MODES`.
         profile: One of `PROFILES`.
+        deferred: Takes work that is not needed for the estimate of the same frame.
     """
 
     count: int = 1000
     upright: bool = False
     timing: str = DEFAULT_TIMING_MODE
     profile: str = DEFAULT_PROFILE
+    deferred: WorkQueue = field(default_factory=ImmediateWork)
 
 
 OWN_METHODS = ("surf", "icp", "sfm", "direct")
@@ -50,6 +52,7 @@ def make_odometry(
     timing: str = DEFAULT_TIMING_MODE,
     profile: str = DEFAULT_PROFILE,
     timer: StageTimer = NullStageTimer(),  # noqa: B008 (it has no state)
+    deferred: WorkQueue = ImmediateWork(),  # noqa: B008 (the same)
 ) -> Odometry:
     """Make an odometry, which starts at the first frame that it gets.
 
@@ -72,6 +75,9 @@ def make_odometry(
         profile: "default", or "small" for a small board (only "direct": half the points, and a
             pyramid level less).
         timer: Times the stages of each frame.
+        deferred: Takes work that is not needed for the estimate of the same frame, such as making
+            keyframes and learning (only "direct"). With a `DeferredWork`, its `run` has to be
+            called after each estimate.
 
     Raises:
         InputError: The method, the timing or the profile is unknown, or the number of features is
@@ -87,7 +93,7 @@ def make_odometry(
         raise InputError(f"timing {timing!r} is unknown; use one of {', '.join(TIMING_MODES)}")
     if profile not in PROFILES:
         raise InputError(f"profile {profile!r} is unknown; use one of {', '.join(PROFILES)}")
-    return METHODS[method](MethodConfig(feature_count, upright, timing, profile), timer)
+    return METHODS[method](MethodConfig(feature_count, upright, timing, profile, deferred), timer)
 
 
 def make_surf(features: MethodConfig, timer: StageTimer) -> Odometry:
@@ -109,9 +115,10 @@ def make_direct(features: MethodConfig, timer: StageTimer) -> Odometry:
 
     extractor = SurfExtractor(features.count, features.upright)
     point_blocks = {DEFAULT_PROFILE: POINT_BLOCKS, SMALL_PROFILE: SMALL_POINT_BLOCKS}
-    tracker = DirectOdometry(extractor, timer, point_blocks[features.profile])
+    deferred = features.deferred
+    tracker = DirectOdometry(extractor, timer, point_blocks[features.profile], deferred)
     is_fixed = features.timing == FIXED_TIMING_MODE
-    odometry = tracker if is_fixed else SelfCalibratingOdometry(tracker, timer=timer)
+    odometry = tracker if is_fixed else SelfCalibratingOdometry(tracker, timer, deferred)
     return RepeatedDepthFilter(HalvingOdometry(odometry))
 
 

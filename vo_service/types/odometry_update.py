@@ -43,7 +43,7 @@ class OdometryUpdate:
         twist: (6,) velocity in the child frame, m/s and rad/s, ROS order.
         twist_covariance: 6x6 of this step, in the child frame, ROS order.
         estimate: The odometry's estimate of it.
-        stage_ms: CPU time by stage, ms.
+        stage_ms: CPU time by stage, ms; that of deferred work is of the frame before.
         latency_s: Time from the frame's arrival to this result, s.
         level: How `odom` is kept level.
         map: The pose graph, with the transform of `odom` in the map.

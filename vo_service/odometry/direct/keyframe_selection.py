@@ -274,14 +274,33 @@ def _linearize(
     return sums
 
 
+def is_replaceable(tracked: TrackedFrame, local_map: LocalMap) -> bool:
+    """Whether the keyframe of a frame can be replaced, by this frame or by another keyframe."""
+    return _is_in_sight(tracked) or _find_near(tracked, local_map) is not None
+
+
+def _is_in_sight(tracked: TrackedFrame) -> bool:
+    """Whether enough of a frame's view is not occluded, so that the frame can be a keyframe."""
+    return occluded_fraction(tracked.result.alignment) <= MAX_OCCLUDED_SHARE
+
+
+def _find_near(tracked: TrackedFrame, local_map: LocalMap) -> DirectKeyframe | None:
+    """Another keyframe that is near enough to serve again."""
+    result = tracked.result
+    for other, overlap in local_map.rank_by_overlap(result.T_world_camera):
+        if other is not result.keyframe and _has_large_overlap(overlap, MAX_REUSE_FLOW):
+            return other
+    return None
+
+
 def select(tracked: TrackedFrame, local_map: LocalMap) -> DirectKeyframe:
     """Return a keyframe of the map that is near enough, or add the frame to the map."""
     result, alignment = tracked.result, tracked.result.alignment
-    for other, overlap in local_map.rank_by_overlap(result.T_world_camera):
-        if other is not result.keyframe and _has_large_overlap(overlap, MAX_REUSE_FLOW):
-            local_map.move_to_newest(other)
-            return other
-    if occluded_fraction(alignment) > MAX_OCCLUDED_SHARE:
+    near = _find_near(tracked, local_map)
+    if near is not None:
+        local_map.move_to_newest(near)
+        return near
+    if not _is_in_sight(tracked):
         return result.keyframe
     keyframe = make_keyframe(
         tracked.frame,

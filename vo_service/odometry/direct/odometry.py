@@ -7,6 +7,7 @@ Cameras" (ICCV 2015) for the time of each row. SURF features recover the pose wh
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from vo_service.odometry.direct.image_pyramid import ALL_STATIC, ImagePyramid, b
 from vo_service.odometry.direct.keyframe import DirectKeyframe, LocalMap, make_keyframe
 from vo_service.odometry.direct.keyframe_selection import (
     TrackedFrame,
+    is_replaceable,
     needs_keyframe,
     rebuild_first_keyframe,
     refine,
@@ -61,7 +63,7 @@ from vo_service.odometry.direct.robot_body import RobotBody
 from vo_service.odometry.direct.small_matrices import invert_cholesky
 from vo_service.odometry.features.extractor import SurfExtractor
 from vo_service.types.estimate import Estimate, TrackingDebug
-from vo_service.types.odometry import NullStageTimer, StageTimer
+from vo_service.types.odometry import ImmediateWork, NullStageTimer, StageTimer, WorkQueue
 
 
 @dataclass(frozen=True)
@@ -99,6 +101,7 @@ class DirectOdometry:
         extractor: Features for the recovery; a default one if None.
         timer: Times the stages; not timed if None.
         point_blocks: Numbers of blocks for a keyframe's points by level, see `ImagePyramid`.
+        deferred: Takes the selection of keyframes; it is done at once if None.
     """
 
     def __init__(
@@ -106,9 +109,11 @@ class DirectOdometry:
         extractor: SurfExtractor | None = None,
         timer: StageTimer | None = None,
         point_blocks: Sequence[int] = POINT_BLOCKS,
+        deferred: WorkQueue | None = None,
     ) -> None:
         self._point_blocks = point_blocks
         self._timer = timer or NullStageTimer()
+        self._deferred = deferred or ImmediateWork()
         self._recovery = DirectRecovery(extractor or SurfExtractor())
         self._map = LocalMap()
         self._vignetting = VignettingEstimate()
@@ -246,7 +251,6 @@ class DirectOdometry:
         result, uncertainty, normalized_innovation = fuse_with_prediction(
             result, uncertainty, motion_state, images.stamp_s
         )
-        # Keyframe: when the current one goes out of view, the next one is selected.
         tracked = TrackedFrame(
             frame,
             images,
@@ -255,8 +259,16 @@ class DirectOdometry:
             is_well_constrained=not reason,
             timing_errors=uncertainty.timing_errors,
         )
-        tracked, keyframe = self._select_keyframe(tracked, track)
-        return self._advance(track, tracked, uncertainty, keyframe, normalized_innovation)
+        # Keyframe: when the current one goes out of view, the next one is selected.
+        if not needs_keyframe(tracked):
+            return self._advance(track, tracked, uncertainty, normalized_innovation)
+        with self._timer.stage("refine"):
+            refined, now = refine(track.last_frame, tracked, self._map)
+        estimate = self._advance(
+            track, now, uncertainty, normalized_innovation, is_replaceable(refined, self._map)
+        )
+        self._deferred.add(partial(self._select_keyframe, tracked, now, refined))
+        return estimate
 
     def _align(self, images: ImagePyramid, track: DirectTrack) -> TrackingResult:
         keyframe, motion_state = track.keyframe, track.motion_state
@@ -296,27 +308,29 @@ class DirectOdometry:
         )
 
     def _select_keyframe(
-        self, tracked: TrackedFrame, track: DirectTrack
-    ) -> tuple[TrackedFrame, DirectKeyframe]:
-        """Refine the pose and select the next keyframe, if one is due.
+        self, tracked: TrackedFrame, now: TrackedFrame, refined: TrackedFrame
+    ) -> None:
+        """Select the keyframe of the next frames, and learn what a keyframe's distance shows.
 
-        Returns:
-            The frame relative to the refined pose, and the keyframe of the next frames.
+        Args:
+            tracked: The last good frame.
+            now: The same with its refined pose.
+            refined: The frame that may become a keyframe, see `refine`.
         """
+        assert self._track is not None
         keyframe = tracked.result.keyframe
-        if not needs_keyframe(tracked):
-            return tracked, keyframe
-        self._vignetting = self._vignetting.update(
-            keyframe, tracked.images, tracked.result.alignment
-        )
-        with self._timer.stage("refine"):
-            refined, tracked = refine(track.last_frame, tracked, self._map)
         with self._timer.stage("keyframe"):
+            self._vignetting = self._vignetting.update(
+                keyframe, tracked.images, tracked.result.alignment
+            )
             self._depth_noise = self._depth_noise.update(tracked.images)
             if tracked.is_well_constrained:
-                T_keyframe_camera = inverse(tracked.result.alignment.T_camera_keyframe)
+                T_keyframe_camera = inverse(now.result.alignment.T_camera_keyframe)
                 self._body = self._body.update(tracked.images, keyframe, T_keyframe_camera)
-            return tracked, select(refined, self._map)
+            selected = select(refined, self._map)
+        if selected is not keyframe:
+            motion_state = replace(self._track.motion_state, gain=1.0)
+            self._track = replace(self._track, keyframe=selected, motion_state=motion_state)
 
     def _start(self, frame: RgbdFrame, images: ImagePyramid, is_reset: bool) -> Estimate:
         """Make this frame the first keyframe, if others can be aligned with it."""
@@ -449,17 +463,17 @@ class DirectOdometry:
         track: DirectTrack,
         tracked: TrackedFrame,
         uncertainty: MotionUncertainty,
-        keyframe: DirectKeyframe,
         normalized_innovation: float,
+        is_keyframe_replaced: bool = False,
     ) -> Estimate:
-        """Take over the tracked frame and the keyframe, and return the estimate."""
+        """Take over the tracked frame, and return the estimate."""
         images, result = tracked.images, tracked.result
-        is_next_reference = keyframe is not track.keyframe
+        is_next_reference = is_keyframe_replaced or result.keyframe is not track.keyframe
         motion_state = track.motion_state.advance(
             result.T_world_camera,
             result.alignment.camera_velocity,
             images.stamp_s,
-            result.alignment.gain if keyframe is result.keyframe else 1.0,
+            result.alignment.gain,
             normalized_innovation,
             images.stamp_s
             if tracked.is_well_constrained
@@ -469,7 +483,7 @@ class DirectOdometry:
         T_world_reference = result.T_world_camera if is_next_reference else track.T_world_reference
         self._T_world_camera = result.T_world_camera
         self._track = DirectTrack(
-            keyframe,
+            result.keyframe,
             motion_state,
             T_world_reference,
             last_frame=tracked,

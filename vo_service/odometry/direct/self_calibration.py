@@ -53,7 +53,7 @@ from vo_service.odometry.direct.parameters import (
 from vo_service.odometry.direct.quality import TrackingResult
 from vo_service.odometry.direct.view_history import TrackedView, ViewHistory
 from vo_service.types.estimate import Estimate, OnlineFocalLength, OnlineTiming
-from vo_service.types.odometry import NullStageTimer, StageTimer
+from vo_service.types.odometry import ImmediateWork, NullStageTimer, StageTimer, WorkQueue
 
 
 class SelfCalibratingOdometry:
@@ -62,11 +62,18 @@ class SelfCalibratingOdometry:
     Args:
         tracker: Tracks the frames.
         timer: Times the stages; not timed if None.
+        deferred: Takes the learning, after the work of `tracker`; it is done at once if None.
     """
 
-    def __init__(self, tracker: DirectOdometry, timer: StageTimer | None = None) -> None:
+    def __init__(
+        self,
+        tracker: DirectOdometry,
+        timer: StageTimer | None = None,
+        deferred: WorkQueue | None = None,
+    ) -> None:
         self._tracker = tracker
         self._timer = timer or NullStageTimer()
+        self._deferred = deferred or ImmediateWork()
         self._history = ViewHistory()
         self._filter: CalibrationFilter | None = None
         self._sensor: tuple[str, PinholeCamera] | None = None
@@ -95,18 +102,24 @@ class SelfCalibratingOdometry:
             before = None
         corrected = correct_frame(frame, self._learned.in_use)
         estimate = self._add_calibration_error(self._tracker.estimate(corrected))
-        with self._timer.stage("calibration"):
-            if estimate.is_reset:
-                self._history.clear()
-                self._search = before = None
-            if estimate.ok:
-                self._learn(frame, estimate)
-            else:
-                self._history.interrupt()
-                # The timing that a search has found may be wrong.
-                self._is_search_needed |= needs_search(self._learned.sigmas[TIMING])
-            if self._is_search_needed:
+        if estimate.is_reset:
+            self._history.clear()
+            self._search = before = None
+        if not estimate.ok:
+            self._history.interrupt()
+            # The timing that a search has found may be wrong.
+            self._is_search_needed |= needs_search(self._learned.sigmas[TIMING])
+        if self._is_search_needed:
+            self._deferred.run()
+            self._learn(frame, estimate)
+            with self._timer.stage("calibration"):
                 estimate = self._search_timing(corrected, frame, estimate, before)
+            return self._with_report(frame, estimate)
+        reported = self._with_report(frame, estimate)
+        self._deferred.add(partial(self._learn, frame, estimate))
+        return reported
+
+    def _with_report(self, frame: RgbdFrame, estimate: Estimate) -> Estimate:
         return replace(
             estimate,
             timing=self._report_timing(frame),
@@ -225,20 +238,23 @@ class SelfCalibratingOdometry:
 
     # -- learning --------------------------------------------------------------------------------
     def _learn(self, frame: RgbdFrame, estimate: Estimate) -> None:
-        """Learn from a tracked frame."""
-        before, tracked = self._learned.in_use, self._tracker.last_frame
-        view = TrackedView(frame.stamp_s, told_shutter(frame), before, estimate.T_world_camera)
-        # A degenerate view fits with a wrong calibration as well.
-        if tracked and tracked.images.stamp_s == frame.stamp_s and tracked.is_well_constrained:
-            view.tracked = tracked
-        past = self._history.add(view, self._tracker.keyframes)
-        if past is not None and past.tracked is not None:
-            is_changed = self._add_view(past, past.tracked)
-            past.tracked = None
-            if is_changed:
-                self._correct_keyframes(before[FOCAL] == self._learned.in_use[FOCAL])
-        if view.tracked is not None:
-            self._compare(view, view.tracked)
+        """Learn from a frame, if it was tracked."""
+        if not estimate.ok:
+            return
+        with self._timer.stage("calibration"):
+            before, tracked = self._learned.in_use, self._tracker.last_frame
+            view = TrackedView(frame.stamp_s, told_shutter(frame), before, estimate.T_world_camera)
+            # A degenerate view fits with a wrong calibration as well.
+            if tracked and tracked.images.stamp_s == frame.stamp_s and tracked.is_well_constrained:
+                view.tracked = tracked
+            past = self._history.add(view, self._tracker.keyframes)
+            if past is not None and past.tracked is not None:
+                is_changed = self._add_view(past, past.tracked)
+                past.tracked = None
+                if is_changed:
+                    self._correct_keyframes(before[FOCAL] == self._learned.in_use[FOCAL])
+            if view.tracked is not None:
+                self._compare(view, view.tracked)
 
     def _add_view(self, view: TrackedView, tracked: TrackedFrame) -> bool:
         """Learn from a view with known velocity; return whether the calibration has changed."""

@@ -22,7 +22,7 @@ from vo_service.tools.compare.baselines.registry import (
     BaselineFactory,
     BaselinePackage,
 )
-from vo_service.types.odometry import Odometry, StageTimer
+from vo_service.types.odometry import ImmediateWork, Odometry, StageTimer
 
 METHOD_NAMES = (*METHODS, *BASELINES)
 
@@ -93,7 +93,7 @@ class ConfiguredMethodFactory:
 
     def make(self, stopwatch: StageTimer, recording: Recording) -> Odometry:
         """Make the odometry as the service does."""
-        return self.odometry.make_odometry(stopwatch)
+        return self.odometry.make_odometry(stopwatch, ImmediateWork())
 
 
 @dataclass(frozen=True)

@@ -16,29 +16,6 @@ from vo_service.outputs.zenoh import free_port
 CopyRecording = Callable[..., Path]
 
 
-def test_with_an_invalid_folder_an_existing_trajectory_is_kept(
-    tmp_path: Path, kinect_vo: KinectVo
-) -> None:
-    kept = tmp_path / "poses.txt"
-    kept.write_text("precious\n")
-    folder = tmp_path / "none"
-    outcome = kinect_vo("replay", folder, "--no-publish", "--json", "--trajectory", kept)
-    assert_one_line(outcome, InputError.exit_code, "none: no such folder")
-    assert kept.read_text() == "precious\n"
-
-
-def test_a_pipe_among_the_images_is_skipped_and_blocks_nothing(
-    copy_recording: CopyRecording, kinect_vo: KinectVo
-) -> None:
-    folder = copy_recording(lists=True)
-    image = sorted((folder / "rgb").iterdir())[5]
-    image.unlink()
-    os.mkfifo(image)
-    outcome = kinect_vo("replay", folder, "--no-publish")
-    assert outcome.code == 0
-    assert f"{image}: cannot be read: it is a pipe, not a file" in outcome.err
-
-
 # Each names the pipe PIPE, PIPE.mcap or PIPE.oni, where the command expects a file; REC is a
 # recording.
 PIPES = (
@@ -73,26 +50,6 @@ def test_a_pipe_for_a_file_is_refused_and_not_waited_for(
     monkeypatch.chdir(tmp_path)
     outcome = kinect_vo(*command.split())
     assert_one_line(outcome, InputError.exit_code, "it is a pipe, not a file; ")
-
-
-@pytest.mark.parametrize("list_name", ["rgb.txt", "depth.txt", "groundtruth.txt", "camera.toml"])
-def test_a_list_in_utf16_is_read(
-    list_name: str, copy_recording: CopyRecording, kinect_vo: KinectVo
-) -> None:
-    folder = copy_recording(lists=True)
-    (folder / list_name).write_text((folder / list_name).read_text(), "utf-16")
-    assert kinect_vo("replay", folder, "--no-publish").code == 0
-
-
-@pytest.mark.parametrize("name", ["x.mp4", "y.db3"])
-def test_a_recording_is_not_made_under_the_name_of_another_file(
-    name: str, recording: Path, tmp_path: Path, kinect_vo: KinectVo
-) -> None:
-    for command in (("record", "--camera", f"tum:{recording}"), ("convert", recording)):
-        outcome = kinect_vo(*command, tmp_path / name)
-        assert (outcome.code, len(outcome.err.splitlines())) == (InputError.exit_code, 1)
-        assert f"{name}: " in outcome.err
-    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.subprocess

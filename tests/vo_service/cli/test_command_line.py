@@ -64,18 +64,21 @@ def test_a_valid_configuration_is_reported_as_valid(config: Path, kinect_vo: Kin
     assert (outcome.code, outcome.out, outcome.err) == (0, f"{config}: no mistakes\n", "")
 
 
-def test_warm_up_reports_its_end(kinect_vo: KinectVo) -> None:
-    outcome = kinect_vo("warm-up")
-    assert (outcome.code, outcome.error_lines) == (0, "")
-    assert outcome.out.startswith("the kernels of direct and of maps are ready (")
-
-
 @pytest.fixture
 def compiled(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """The parts that warm-up asks for, in place of their compilation."""
     parts: list[str] = []
     monkeypatch.setattr(warm_up, "compile_kernels", lambda asked, *_: parts.extend(asked))
     return parts
+
+
+def test_warm_up_compiles_the_method_and_maps_and_reports_its_end(
+    kinect_vo: KinectVo, compiled: list[str]
+) -> None:
+    outcome = kinect_vo("warm-up")
+    assert (outcome.code, outcome.error_lines) == (0, "")
+    assert {"direct", "loop closure"} <= set(compiled)
+    assert outcome.out.startswith("the kernels of direct and of maps are ready (")
 
 
 def test_warm_up_compiles_no_loop_closure_without_a_map(

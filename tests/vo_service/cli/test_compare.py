@@ -155,8 +155,6 @@ def test_with_loop_closure_each_method_has_additional_figures(
     [
         (["corner", "corner"], "names are equal; rename one folder"),
         (["corner", "--output", "file/out"], "file/out: cannot be written: Not a directory"),
-        (["corner", "--time-limit", "0"], "0 is not a duration: give seconds, more than 0"),
-        (["corner", "--frames", "-3"], "-3 is not a count"),
         (["corner", "--methods", "surf", "--against", "orb"], "--against orb: it is not among"),
     ],
 )

@@ -9,7 +9,7 @@ import pytest
 from drivers.camera import PinholeCamera
 from drivers.core.geometry import read_trajectory
 from drivers.synthetic.config import SyntheticConfig
-from tests.vo_service.cli.cli_runner import KinectVo, assert_one_line
+from tests.vo_service.cli.cli_runner import KinectVo
 from vo_service.cli import demo
 
 pytestmark = [pytest.mark.subprocess, pytest.mark.zenoh]
@@ -59,11 +59,3 @@ def test_the_terminal_shows_the_results_and_their_files(
     output = outcome.out + outcome.err
     for words in ("kinect-vo listen", f"results: {folder}", "ATE, RMSE", "latency"):
         assert words in output
-
-
-def test_an_output_folder_that_cannot_be_created_is_one_line_before_rendering(
-    tmp_path: Path, kinect_vo: KinectVo
-) -> None:
-    (tmp_path / "file").touch()
-    outcome = kinect_vo("demo", "--output", tmp_path / "file" / "demo")
-    assert_one_line(outcome, 2, "demo: cannot be written: Not a directory")

@@ -129,9 +129,3 @@ def test_a_report_without_images_says_so_and_has_the_log(
         log = archive.extractfile("kinect/log.txt")
         assert log is not None
         assert "Failed to submit isochronous transfer" in log.read().decode()
-
-
-def test_invalid_input_is_exit_code_two(tmp_path: Path, kinect_vo: KinectVo) -> None:
-    outcome = kinect_vo("doctor", "--camera", f"tum:{tmp_path / 'nowhere'}")
-    assert outcome.code == 2
-    assert outcome.err.startswith("kinect-vo: error: ")

@@ -65,17 +65,6 @@ def test_the_frames_are_those_listed_in_the_recording(
     assert figures["coverage"] == 6 / 8
 
 
-def test_a_truth_file_counts_as_frames_if_the_stamps_agree(
-    half: Path, recording: Path, tmp_path: Path, kinect_vo: KinectVo
-) -> None:
-    truth = read_trajectory(recording / "groundtruth.txt")
-    alone = write(tmp_path / "truth.txt", truth)
-    figures = json.loads(kinect_vo("evaluate", half, alone, "--json").out)
-    assert (figures["frames"], figures["coverage"]) == (None, 0.5)
-    shifted = write(tmp_path / "late.txt", Trajectory(truth.stamps_s + 0.004, truth.T_world_camera))
-    assert json.loads(kinect_vo("evaluate", half, shifted, "--json").out)["coverage"] is None
-
-
 def test_poses_of_another_time_are_one_line(
     half: Path, recording: Path, tmp_path: Path, kinect_vo: KinectVo
 ) -> None:
@@ -108,14 +97,6 @@ def test_clocks_that_differ_are_matched_on_request(
     figures = json.loads(outcome.out)
     assert figures["matched"] >= 5
     assert figures["ate_rmse_m"] < 0.02
-
-
-@pytest.mark.parametrize("option", ["--time-offset", "--max-difference"])
-def test_an_option_that_is_no_number_is_refused(
-    half: Path, recording: Path, kinect_vo: KinectVo, option: str
-) -> None:
-    outcome = kinect_vo("evaluate", half, recording, option, "soon")
-    assert_one_line(outcome, 2, f"argument {option}: soon is not a")
 
 
 def as_kitti(truth: Trajectory) -> str:

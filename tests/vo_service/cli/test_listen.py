@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.core import InputError
 from drivers.core.geometry import rigid_transform
 from drivers.ros_messages.navigation import (
     OdometryMessage,
@@ -21,10 +20,9 @@ from drivers.ros_messages.navigation import (
     encode_transform,
 )
 from tests.ports import free_port
-from tests.vo_service.cli.cli_runner import KinectVo, assert_one_line, running_subprocess
+from tests.vo_service.cli.cli_runner import running_subprocess
 from tests.vo_service.client.fake_service import BLOCK
 from tests.waiting import wait_until
-from vo_service.cli import listen
 from vo_service.config_tables import ZenohConfig
 from vo_service.outputs.zenoh.session import open_session
 
@@ -206,12 +204,6 @@ def test_a_closed_reader_ends_it_quietly(endpoint: str) -> None:
         assert process.stderr.read() == ""
 
 
-@pytest.mark.parametrize("connect", ["tcp/127.0.0.1:99999", "tcp/127.0.0.1", "tcp/:1"])
-def test_what_is_no_endpoint_is_refused(connect: str, kinect_vo: KinectVo) -> None:
-    message = f"connect = {connect!r}: an endpoint is written PROTOCOL/ADDRESS:PORT"
-    assert_one_line(kinect_vo("listen", "--connect", connect), 2, message)
-
-
 def test_an_unreadable_message_is_skipped(endpoint: str) -> None:
     with publisher(endpoint) as robot, listener(endpoint, "--count", "1") as process:
         read_line(process)
@@ -219,12 +211,3 @@ def test_an_unreadable_message_is_skipped(endpoint: str) -> None:
         assert "kinect/odom: ignored a message that cannot be read" in read_line(process)
         robot.pose(1.0)
         assert process.wait(100) == 0
-
-
-def test_a_bad_prefix_is_an_input_error() -> None:
-    with pytest.raises(InputError):
-        listen.run(listen.ListenRequest(prefix="/x"))
-
-
-def test_an_invalid_count_is_rejected(kinect_vo: KinectVo) -> None:
-    assert_one_line(kinect_vo("listen", "--count", "0"), 2, "0 is not a number of poses")

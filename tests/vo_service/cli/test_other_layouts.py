@@ -1,7 +1,6 @@
 """Recordings in the layouts of other benchmarks, through the commands."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -13,7 +12,7 @@ from drivers.camera import PinholeCamera
 from drivers.core.geometry import nearest_indices
 from drivers.registry import open_camera
 from tests.drivers.layouts.layout_writers import WRITERS, Frame
-from tests.vo_service.cli.cli_runner import KinectVo, assert_one_line
+from tests.vo_service.cli.cli_runner import KinectVo
 
 pytestmark = pytest.mark.slow
 FRAMES = 12
@@ -72,15 +71,6 @@ def test_a_converted_layout_gives_the_same_trajectory_and_evaluation(
     assert found[0][1] == pytest.approx(found[1][1], abs=1e-6)
 
 
-def test_the_recordings_own_files_are_not_overwritten(icl_nuim: Path, kinect_vo: KinectVo) -> None:
-    truth = icl_nuim / "livingRoom2.gt.freiburg"
-    before = truth.read_bytes()
-    outcome = kinect_vo("replay", icl_nuim, "--no-publish", "--trajectory", truth)
-    assert (outcome.code, outcome.out) == (2, "")
-    assert f"{truth}: belongs to the recording" in outcome.err
-    assert truth.read_bytes() == before
-
-
 def test_seven_scenes_depth_is_registered_when_it_is_converted(
     rendered: list[Frame], tmp_path: Path, kinect_vo: KinectVo
 ) -> None:
@@ -92,38 +82,3 @@ def test_seven_scenes_depth_is_registered_when_it_is_converted(
     assert registered is not None
     assert registered.max() < 65535
     assert "depth_factor = 1000.0" in (tmp_path / "tum/camera.toml").read_text()
-
-
-def test_a_folder_that_lacks_a_part_is_one_line(
-    icl_nuim: Path, tmp_path: Path, kinect_vo: KinectVo
-) -> None:
-    (icl_nuim / "associations.txt").unlink()
-    for command in (["replay", icl_nuim], ["convert", icl_nuim, tmp_path / "out.mcap"]):
-        message = "associations.txt: no such file; a folder of ICL-NUIM holds"
-        assert_one_line(kinect_vo(*command), 2, message)
-    assert not (tmp_path / "out.mcap").exists()
-
-
-CopyRecording = Callable[..., Path]
-
-
-def test_a_camera_file_in_yaml_gives_the_same_trajectory(
-    copy_recording: CopyRecording, tmp_path: Path, kinect_vo: KinectVo
-) -> None:
-    folder = copy_recording()
-    toml = dict(
-        line.split("#")[0].split(" = ")
-        for line in (folder / "camera.toml").read_text().splitlines()
-        if " = " in line
-    )
-    keys = ("fx", "fy", "cx", "cy", "width", "height")
-    lines = [f"Camera.{key}: {toml[key].strip()}" for key in keys]
-    yaml = tmp_path / "orb.yaml"
-    yaml.write_text("\n".join(["%YAML:1.0", *lines, f"DepthMapFactor: {toml['depth_factor']}"]))
-    found: list[bytes] = []
-    for options in ([], ["--camera-file", str(yaml)]):
-        poses = tmp_path / f"{len(found)}.txt"
-        outcome = kinect_vo("replay", folder, "--no-publish", "--trajectory", poses, *options)
-        assert outcome.code == 0, outcome.err
-        found.append(poses.read_bytes())
-    assert found[0] == found[1]

@@ -71,17 +71,6 @@ def test_a_run_without_a_pose_fails_and_names_the_reason(
     assert f"{start}: cannot start" in outcome.error_lines
 
 
-def test_without_ground_truth_its_figures_are_null(
-    copy_recording: CopyRecording, kinect_vo: KinectVo
-) -> None:
-    folder = copy_recording()
-    (folder / "groundtruth.txt").unlink()
-    figures = json.loads(kinect_vo("replay", folder, "--no-publish", "--json").out)
-    assert (figures["frames"], figures["failed"]) == (FRAMES, 0)
-    judged = [key for key in FIGURES if key.endswith(("_m", "_deg"))]
-    assert [figures[key] for key in ("coverage", *judged)] == [None] * 7
-
-
 def test_the_terminal_shows_a_table(recording: Path, kinect_vo: KinectVo) -> None:
     outcome = kinect_vo("replay", recording, "--no-publish")
     assert (outcome.code, outcome.error_lines) == (0, "")

@@ -40,12 +40,6 @@ def test_show_prints_the_files_to_install(kinect_vo: KinectVo) -> None:
         assert f"# /{file.path}\n{file.text}" in outcome.out
 
 
-def test_udev_without_an_action_is_an_error(kinect_vo: KinectVo) -> None:
-    outcome = kinect_vo("udev")
-    assert outcome.code == 2
-    assert "ACTION" in outcome.err
-
-
 @pytest.mark.parametrize(
     ("complaint", "message"),
     [("", "unplug the sensor"), ("udevadm is not installed here", "restart the computer")],

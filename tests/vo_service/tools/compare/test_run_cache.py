@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.core import InputError, UserFacingError
+from drivers.core import UserFacingError
 from drivers.core.geometry import Trajectory
 from tests.full_disk import limit_file_size
 from tests.vo_service.tools.compare.sample_runs import (
@@ -133,9 +133,3 @@ def test_a_full_disk_leaves_no_result_and_is_not_an_input_error(tmp_path: Path) 
         cache.save(KEY, make_outcome(WALK), {})
     assert caught.value.exit_code == 1
     assert cache.load(KEY) is None
-
-
-def test_a_folder_that_cannot_be_created_is_reported(tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    with pytest.raises(InputError, match=r"file/surf: cannot be written: Not a directory"):
-        RunCache(tmp_path / "file" / "surf").save(KEY, CRASH, {})

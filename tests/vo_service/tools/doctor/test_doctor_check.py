@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from tests.vo_service.tools.doctor.doctor_fakes import make_capture, make_context, make_sensor
+from tests.vo_service.tools.doctor.doctor_fakes import make_context
 from vo_service.tools.doctor.camera_checks import checks_for, requested_camera
 from vo_service.tools.doctor.check import (
     Check,
@@ -20,7 +20,6 @@ from vo_service.tools.doctor.check import (
 )
 from vo_service.tools.doctor.finding import CheckVerdict, Finding, failed, passed, warned
 from vo_service.tools.doctor.printer import FindingPrinter
-from vo_service.tools.doctor.usb_probe import OpenError
 
 LONG = "one two three four five six seven eight nine ten eleven twelve thirteen fourteen fifteen"
 
@@ -123,31 +122,6 @@ def test_each_check_comes_after_those_it_needs(source: str) -> None:
     for check in checks:
         assert before.issuperset(names.intersection(check.needs)), check.name
         before.add(check.name)
-
-
-def test_a_camera_without_permission_is_not_opened() -> None:
-    def fail_to_open() -> object:
-        raise AssertionError("the camera must not be opened")
-
-    context = make_context([make_sensor(open_error=OpenError.PERMISSION)])
-    context.probe_stream = fail_to_open  # type: ignore[assignment]
-    results = list(run_checks(checks_for(requested_camera("freenect"))[1:], context, quiet))
-    skipped = {result.name for result in results if result.finding.verdict is CheckVerdict.SKIPPED}
-    assert {"sole-use", "first-frames", "frame-rate", "gravity"} <= skipped
-
-
-@pytest.mark.subprocess
-@pytest.mark.usefixtures("real_libfreenect")
-def test_a_good_machine_passes_every_check() -> None:
-    results = list(
-        run_checks(
-            checks_for(requested_camera("freenect")),
-            make_context([make_sensor()], make_capture()),
-            quiet,
-        )
-    )
-    assert overall_verdict(results) is CheckVerdict.PASS
-    assert "skipped" not in [result.finding.verdict for result in results]
 
 
 def test_lines_are_aligned_and_the_fix_is_below() -> None:

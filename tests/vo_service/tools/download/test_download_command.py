@@ -61,15 +61,6 @@ def test_missing_disk_space_is_reported_before_the_transfer(
     assert "GB are needed and 0.00 GB are free" in outcome.err
 
 
-def test_a_folder_that_cannot_be_created_is_reported(
-    download: Download, server: WebServer, output: Path
-) -> None:
-    output.write_text("a file")
-    outcome = download(NAME)
-    assert (outcome.code, server.ranges) == (2, [])
-    assert f"{output}: cannot be written: File exists; use another name" in outcome.err
-
-
 def test_a_second_download_at_the_same_time_is_rejected(
     download: Download, server: WebServer, output: Path
 ) -> None:

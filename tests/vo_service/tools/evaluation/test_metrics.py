@@ -81,13 +81,6 @@ def test_every_pose_is_paired_with_the_one_a_second_later(
     assert one_second_pairs([round(stamp_s, 6) for stamp_s in stamps_s]) == pairs
 
 
-def test_at_a_low_rate_the_nearest_pose_is_taken() -> None:
-    stamps_s = [k * 4 / 30 for k in range(12)]  # 7 steps are 0.933 s, 8 are 1.067 s
-    pairs = one_second_pairs(stamps_s)
-    assert [i for i, _ in pairs] == [0, 1, 2, 3]
-    assert {j - i for i, j in pairs} <= {7, 8}
-
-
 def test_the_error_over_a_second_by_hand() -> None:
     # Errors of 0.3, 0 and 0.4 m and of 10, 0 and 20 degrees: sqrt(.25 / 3), sqrt(500 / 3).
     trajectory = moving_along_x([0, 0.3, 0.3, 0.7], [0, 10, 10, 30])

@@ -18,14 +18,12 @@ from drivers.core.geometry import T_BODY_CAMERA, Trajectory, rigid_transform
 from drivers.playback.camera import RecordingCamera
 from drivers.playback.recording_formats import open_recording
 from drivers.recording.odometry import OdometryRecord
-from tests.full_disk import limit_file_size
 from tests.vo_service.outputs.sample_updates import STATUS, make_update
 from tests.vo_service.wheel_odometry.wheel_driver import CURVE, pose_at, wheel_message
 from tests.waiting import wait_until
 from vo_service.config_tables import ScanConfig
 from vo_service.navigation.frame_scans import FrameScans
 from vo_service.outputs.mcap_recording import open_mcap_recording
-from vo_service.tools.convert import OutputFormat, convert
 from vo_service.types.messages import Status
 from vo_service.types.occupancy_grid import FREE, NO_GRID, OCCUPIED, OccupancyGrid
 from vo_service.types.odometry_update import OdometryUpdate, TrackingState
@@ -176,13 +174,6 @@ def test_the_messages_of_the_wheels_are_recorded_and_played_again(tmp_path: Path
     assert len(read_messages(tmp_path / "a.mcap")["/wheel_odom"]) == 9
     camera = RecordingCamera(tmp_path / "a.mcap")
     assert list(camera.recorded_odometry(["/wheel_odom"])) == payloads
-    for source, copy, kind in (
-        ("a.mcap", "a.bag", OutputFormat.ROS1),
-        ("a.bag", "folder", OutputFormat.FOLDER),
-        ("folder", "b.mcap", OutputFormat.MCAP),
-    ):
-        convert(open_recording(tmp_path / source), tmp_path / copy, kind, lambda _: None)
-    assert list(RecordingCamera(tmp_path / "b.mcap").recorded_odometry(["/wheel_odom"])) == payloads
 
 
 def test_an_existing_file_is_kept(tmp_path: Path) -> None:
@@ -202,24 +193,6 @@ def test_an_existing_file_is_kept(tmp_path: Path) -> None:
 def test_a_run_without_frames_leaves_no_file(tmp_path: Path) -> None:
     record(tmp_path / "a.mcap", [], STATUS)
     assert not (tmp_path / "a.mcap").exists()
-
-
-def test_a_full_disk_is_reported_and_keeps_what_was_written(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("drivers.recording.frame_recorder.FLUSH_PERIOD_S", 0.0)
-    output = open_mcap_recording(tmp_path / "a.mcap", LOCKSTEP)
-    with limit_file_size(100_000):
-        for seq in range(1000):
-            output.on_update(make_update(seq))
-            if output.warning:
-                break
-        assert (
-            "the disk is full (File too large); the frames recorded so far can be" in output.warning
-        )
-        with pytest.raises(UserFacingError, match=r"a\.mcap: the recording is incomplete"):
-            output.close()
-    assert open_recording(tmp_path / "a.mcap").frames.pairs
 
 
 @pytest.mark.parametrize("frames_before", [0, 3])

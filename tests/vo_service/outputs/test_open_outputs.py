@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from drivers.camera import PlaybackMode
-from drivers.core import InputError, UserFacingError
+from drivers.core import InputError
 from tests.vo_service.outputs.sample_updates import make_update
 from vo_service.app import OutputsConfig, open_outputs
 from vo_service.config_tables import DEFAULT_ENDPOINT, RerunConfig, ZenohConfig
@@ -45,20 +45,6 @@ def test_an_unwritable_trajectory_leaves_the_port_free(free_port: int, tmp_path:
     with pytest.raises(InputError, match="cannot be written"), open_outputs(request):
         pass
     assert is_free(free_port)
-
-
-def test_a_port_in_use_keeps_the_existing_trajectory(free_port: int, tmp_path: Path) -> None:
-    (tmp_path / "poses.txt").write_text("precious")
-    request = OutputsConfig(
-        PlaybackMode.LOCKSTEP, zenoh_at(free_port), trajectory=tmp_path / "poses.txt"
-    )
-    with (
-        socket.create_server(("127.0.0.1", free_port)),
-        pytest.raises(UserFacingError, match="in use"),
-        open_outputs(request),
-    ):
-        pass
-    assert (tmp_path / "poses.txt").read_text() == "precious"
 
 
 def log_line(port: int) -> str:

@@ -80,12 +80,6 @@ def test_a_status_line_is_one_line_of_limited_length(systemd: NotifySocket) -> N
     output.close()
 
 
-def test_poses_do_not_trigger_the_watchdog(systemd: NotifySocket) -> None:
-    output = SystemdOutput()
-    assert systemd.is_empty()
-    output.close()
-
-
 def test_a_reload_is_reported_from_start_to_end(systemd: NotifySocket) -> None:
     output = SystemdOutput()
     with output.notify_reloading():

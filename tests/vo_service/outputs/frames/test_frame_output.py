@@ -8,18 +8,13 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-import numpy as np
 import pytest
 import zenoh
 from rosbags.typesys import Stores, get_typestore
 
 from drivers.core.geometry import T_BODY_CAMERA
 from drivers.ros_messages.decoding import (
-    decode_color_jpeg,
-    decode_compressed_image,
-    decode_depth_png,
     decode_odometry,
-    decode_point_cloud,
 )
 from drivers.ros_messages.sensors import IMU_SCHEMA
 from tests.vo_service.outputs.frames.frame_robot import Robot, running_robot
@@ -30,7 +25,6 @@ from vo_service.config_tables import FramesConfig, ZenohConfig
 from vo_service.outputs.frames.output import FrameOutputConfig, open_frame_outputs
 from vo_service.outputs.zenoh.output import ZenohOutput
 from vo_service.outputs.zenoh.session_endpoints import ExtraEndpoints
-from vo_service.types.messages import FrameAttachment, decode_message, parse_json_message
 from vo_service.types.odometry_update import OdometryUpdate
 
 pytestmark = pytest.mark.zenoh
@@ -91,40 +85,6 @@ def test_every_message_has_its_type_and_the_stamp_of_the_pose(robot: Robot, free
         assert str(samples[name].encoding) == f"application/cdr;{schema}"
     odometry = decode_odometry(samples["odom"].payload.to_bytes())
     assert odometry.stamp_s == pytest.approx(update.stamp_s, abs=1e-9)
-
-
-def test_images_and_points_are_those_of_the_frame(robot: Robot, free_port: int) -> None:
-    names = ("color/image", "depth/image", "color/compressed", "depth/compressed", "points")
-    with subscribed(robot, free_port, *names) as subscriber:
-        frame = robot.publish().frame
-        payloads = {name: sample.payload.to_bytes() for name, sample in subscriber.wait().items()}
-    image: Any = ROS.deserialize_cdr(payloads["color/image"], "sensor_msgs/msg/Image")
-    np.testing.assert_array_equal(image.data.reshape(frame.color_bgr.shape), frame.color_bgr)
-    depth: Any = ROS.deserialize_cdr(payloads["depth/image"], "sensor_msgs/msg/Image")
-    depth_mm = depth.data.view(np.uint16).reshape(frame.depth_raw.shape)
-    np.testing.assert_allclose(depth_mm, frame.depth_m * 1000.0, atol=0.51)
-    png = decode_compressed_image(payloads["depth/compressed"])
-    np.testing.assert_array_equal(decode_depth_png(png), depth_mm)
-    jpeg = decode_color_jpeg(decode_compressed_image(payloads["color/compressed"]))
-    assert jpeg.shape == frame.color_bgr.shape
-    cloud = decode_point_cloud(payloads["points"])
-    assert len(cloud.xyz_m) == np.count_nonzero(frame.depth_raw[::2, ::2])
-
-
-def test_the_attachment_has_the_number_of_the_pose_and_the_camera_in_the_base(
-    robot: Robot, free_port: int
-) -> None:
-    with subscribed(robot, free_port, "color/image") as subscriber:
-        robot.publish()
-        subscriber.wait()
-        robot.publish()
-        sample = subscriber.wait(2)["color/image"]
-    assert sample.attachment is not None
-    content = parse_json_message(sample.attachment.to_bytes())
-    attachment = decode_message(FrameAttachment, content, "a frame")
-    assert attachment.seq == 1
-    assert attachment.camera_position_m == pytest.approx((0.1, 0.0, 0.5))
-    np.testing.assert_allclose(np.abs(attachment.camera_quaternion_xyzw), 0.5)
 
 
 def test_timing_is_json(robot: Robot, free_port: int) -> None:

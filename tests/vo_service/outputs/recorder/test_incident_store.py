@@ -4,9 +4,6 @@ import fcntl
 import os
 from pathlib import Path
 
-import pytest
-
-from drivers.core import UserFacingError
 from drivers.core.files import PARTIAL_SUFFIX, check_writable
 from vo_service.outputs.recorder.incidents import IncidentStore
 from vo_service.outputs.recorder.messages import incident_name
@@ -94,27 +91,8 @@ def test_a_link_with_an_incidents_name_is_not_followed(tmp_path: Path) -> None:
     assert (tmp_path / "precious" / "file").exists()
 
 
-def test_a_failed_incident_leaves_nothing_behind(tmp_path: Path) -> None:
-    def fail(folder: Path) -> None:
-        fill(folder)
-        raise OSError(28, "No space left on device")
-
-    with pytest.raises(UserFacingError, match="the disk is full"):
-        IncidentStore(tmp_path, 1000).write(NEW, fail)
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_an_unusable_folder_is_reported_in_advance(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     assert check_writable(tmp_path) == check_writable(tmp_path / "new" / "incidents") == ""
     assert "file: cannot be used" in check_writable(tmp_path / "file")
     assert "Not a directory" in check_writable(tmp_path / "file" / "incidents")
-
-
-def test_folder_and_incidents_are_private(tmp_path: Path) -> None:
-    before = os.umask(0)
-    try:
-        written = IncidentStore(tmp_path / "incidents", 1000).write(NEW, fill)
-    finally:
-        os.umask(before)
-    assert [oct(path.stat().st_mode & 0o777) for path in (written, written.parent)] == ["0o700"] * 2

@@ -19,7 +19,6 @@ from drivers.camera import PlaybackMode
 from drivers.core import InputError, UserFacingError, write_errors
 from drivers.core.files import rotate_file
 from drivers.core.geometry import Trajectory
-from drivers.core.write_errors import WriteError
 from tests.full_disk import limit_file_size
 from tests.resource_leaks import resident_memory_kb
 from tests.vo_service.outputs.rerun.rerun_recording import (
@@ -112,7 +111,7 @@ def test_a_full_file_is_followed_by_the_next_and_the_oldest_is_deleted(
 
 
 @pytest.mark.usefixtures("written_at_once")
-def test_every_file_opens_by_itself(
+def test_every_file_opens_by_itself_and_continues_the_trajectory(
     tmp_path: Path, make_large_update: Callable[[int], OdometryUpdate]
 ) -> None:
     updates = [make_large_update(seq) for seq in range(8)]
@@ -126,6 +125,9 @@ def test_every_file_opens_by_itself(
             assert counted[f"/{entity}"] > 0, (file.name, entity)
         assert counted["/log"] == 1  # the state, logged again
         assert len(RrdReader(file).blueprints()) == 1
+    so_far = read_column(tmp_path / "out.rrd", "/world/trajectory/so_far", "LineStrips3D:strips")
+    assert len(so_far[0][0]) > 2
+    assert so_far[0][0][0] == [0.0, 0.0, 0.0]
 
 
 def test_many_files_take_no_more_memory(tmp_path: Path) -> None:
@@ -138,19 +140,6 @@ def test_many_files_take_no_more_memory(tmp_path: Path) -> None:
         stream.disconnect()
         memory_kb.append(resident_memory_kb(os.getpid()))
     assert memory_kb[-1] - memory_kb[4] < 10_000
-
-
-@pytest.mark.usefixtures("written_at_once")
-def test_the_trajectory_continues_in_the_next_file(
-    tmp_path: Path, make_large_update: Callable[[int], OdometryUpdate]
-) -> None:
-    draw(
-        RrdFileSink(tmp_path / "out.rrd", file_mb=1),
-        paced(map(make_large_update, range(8)), tmp_path),
-    )
-    so_far = read_column(tmp_path / "out.rrd", "/world/trajectory/so_far", "LineStrips3D:strips")
-    assert len(so_far[0][0]) > 2
-    assert so_far[0][0][0] == [0.0, 0.0, 0.0]
 
 
 def test_existing_files_are_kept(tmp_path: Path) -> None:
@@ -206,12 +195,6 @@ def test_a_disk_that_is_full_at_the_start_is_a_fault_but_no_error(
     recording = draw(RrdFileSink(tmp_path / "out.rrd"), [make_update(0)])
     assert "the disk is full" in recording.fault
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_file_that_gets_no_space_at_its_start_is_a_full_disk(tmp_path: Path) -> None:
-    sink = RrdFileSink(tmp_path / "out.rrd")
-    with limit_file_size(10), pytest.raises(WriteError, match=r"is full \(File too large\)"):
-        sink.attach(rr.RecordingStream("full"), make_blueprint())
 
 
 @pytest.mark.subprocess

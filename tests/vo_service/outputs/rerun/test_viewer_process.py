@@ -136,20 +136,6 @@ def test_a_killed_process_is_restarted_and_draws_earlier_results(
     assert len(so_far[0]) > 5
 
 
-def test_the_process_exits_when_the_service_is_killed(tmp_path: Path) -> None:
-    script = (
-        "import signal, sys; from tests.resource_leaks import child_pids; "
-        "from vo_service.outputs.rerun.output import open_rerun_output; "
-        "output = open_rerun_output(sys.argv[1]); print(*child_pids(), flush=True); signal.pause()"
-    )
-    command = [sys.executable, "-c", script, str(tmp_path / "out.rrd")]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as service:
-        assert service.stdout is not None
-        process = int(service.stdout.readline())
-        service.kill()
-    wait_until(lambda: not is_alive(process))
-
-
 def test_a_process_blocked_in_rerun_is_reported() -> None:
     with running_output(BlockingSink()) as (output, _):
         show_until(output, make_update(0), "rerun: blocked does not read its data")

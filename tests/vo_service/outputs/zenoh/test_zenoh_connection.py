@@ -95,19 +95,6 @@ def test_a_replay_uses_the_default_port_if_it_is_free(
             wait_until(lambda: bool(query_json(session, "kinect/schema")))
 
 
-def test_a_replay_uses_a_free_port_if_the_default_one_is_in_use(
-    free_port: int, default_endpoint: str
-) -> None:
-    with (
-        port_in_use(free_port),
-        closing(ZenohOutput(config(free_port), LIVE_QOS, ConnectOnFreePort)) as output,
-    ):
-        endpoint, reason = output.description.removeprefix("kinect/odom at ").split(", ")
-        assert reason == f"as {default_endpoint} is in use (kinect-vo listen --connect {endpoint})"
-        with connected_session(int(endpoint.rsplit(":")[-1])) as session:
-            wait_until(lambda: bool(query_json(session, "kinect/schema")))
-
-
 def test_a_free_port_that_was_taken_is_replaced(
     free_port: int, default_endpoint: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -130,18 +117,6 @@ def test_a_user_defined_port_is_never_replaced(free_port: int, tmp_path: Path) -
     for port, zenoh_config in zenoh_configs:
         with port_in_use(port), pytest.raises(ZenohPortInUseError, match="the port is in use"):
             ConnectOnFreePort(zenoh_config)
-
-
-def test_a_port_in_use_is_a_warning_and_no_error(free_port: int) -> None:
-    with (
-        port_in_use(free_port),
-        closing(ZenohOutput(config(free_port), LIVE_QOS, ConnectWithRetry)) as output,
-    ):
-        assert output.warning == (
-            f"zenoh: cannot listen on tcp/127.0.0.1:{free_port}: the port is in use, probably by "
-            "another kinect-vo; trying again: stop the other one, set zenoh.listen to a free "
-            "port, or use --no-publish"
-        )
 
 
 def test_once_the_port_is_free_everything_is_published_and_the_log_has_two_lines(

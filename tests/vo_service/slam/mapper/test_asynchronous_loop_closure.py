@@ -120,19 +120,6 @@ def test_a_camera_at_rest_is_localized_in_a_loaded_map(saved: Path) -> None:
         wait_until(lambda: opened.state.mesh_keyframes == 1, "a keyframe in that map")
 
 
-def test_a_damaged_map_is_reported_in_one_line_and_the_service_continues(
-    saved: Path, tmp_path: Path
-) -> None:
-    data = bytearray((saved / "corner.keyframes").read_bytes())
-    data[len(data) // 2] ^= 1
-    (tmp_path / "bad.keyframes").write_bytes(data)
-    with running_mapper(tmp_path, replace(WITH_LOOP_CLOSURE, load="bad")) as opened:
-        wait_until(lambda: "bad.keyframes: damaged map" in opened.warning, "the warning")
-        assert "\n" not in opened.warning
-        go(opened, 0, 2)
-        assert opened.state.mesh_keyframes > 0
-
-
 def test_keyframes_of_a_killed_process_are_removed_and_made_again(tmp_path: Path) -> None:
     with walking(tmp_path / "maps") as opened:
         first = mapper_pid()
@@ -140,18 +127,6 @@ def test_keyframes_of_a_killed_process_are_removed_and_made_again(tmp_path: Path
         wait_until(lambda: opened.loop_closure.snapshot.keyframes == 0, "the loss")
         wait_until(lambda: opened.is_ready and mapper_pid() != first, "another process")
         go(opened, STEPS, STEPS)
-
-
-def test_a_killed_process_loads_its_map_again_also_after_a_reload_of_the_settings(
-    saved: Path,
-) -> None:
-    with running_mapper(saved, WITH_LOOP_CLOSURE) as opened:
-        opened.load(NAME)
-        wait_until(lambda: opened.state.loaded != "", "the map")
-        opened.configure(WITH_LOOP_CLOSURE)
-        os.kill(mapper_pid(), signal.SIGKILL)
-        wait_until(lambda: "is restarted with the map corner" in opened.warning)
-        wait_until(lambda: opened.state.loaded.endswith("corner.keyframes"), "the map again")
 
 
 def test_without_keyframes_there_is_no_loop_closure_and_no_map_can_be_loaded(

@@ -14,7 +14,6 @@ from vo_service import PoseClient, PoseUnavailable, PoseUnavailableReason, Servi
 from vo_service.client import connection
 from vo_service.config_tables import ZenohConfig
 from vo_service.outputs.zenoh.session import open_session
-from vo_service.types.commands import PauseCommand
 
 pytestmark = pytest.mark.zenoh
 
@@ -32,12 +31,6 @@ def test_a_reader_gets_poses_but_no_reply_to_a_command(
         with pytest.raises(ServiceUnavailable):
             client.command("pause", timeout_s=1.0)
     assert robot.executed == []
-
-
-def test_an_operator_can_send_commands(network: TlsNetwork, robot: TlsRobot) -> None:
-    with PoseClient(config_file=network.file("operator-tls.json5", "ours/operator")) as client:
-        client.send(PauseCommand())
-    assert robot.executed == [PauseCommand()]
 
 
 @contextmanager

@@ -41,10 +41,11 @@ PRINTED_BY = {
 }
 
 
-def parsers() -> dict[str, argparse.ArgumentParser]:
-    """The parser of each command."""
+@pytest.fixture(scope="module")
+def of_command() -> dict[str, set[str]]:
+    """The options of each command."""
     (commands,) = (a for a in make_parser()._actions if isinstance(a, argparse._SubParsersAction))
-    return dict(commands.choices)
+    return {name: options(parser) for name, parser in commands.choices.items()}
 
 
 def options(parser: argparse.ArgumentParser) -> set[str]:
@@ -92,8 +93,9 @@ FILES = sorted(
 
 
 @pytest.mark.parametrize("path", FILES)
-def test_a_named_option_exists_where_it_is_named(path: str) -> None:
-    of_command = {name: options(parser) for name, parser in parsers().items()}
+def test_a_named_option_exists_where_it_is_named(
+    path: str, of_command: dict[str, set[str]]
+) -> None:
     anywhere = set().union(*of_command.values()) | {"--version"}
     for option, printers in named_options(path):
         for name in printers:

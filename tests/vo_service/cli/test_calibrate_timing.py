@@ -98,15 +98,6 @@ def test_the_recording_of_a_kinect_is_combined_with_the_usual_values(
     assert read_calibration(Path("sensor.toml")).readout_s == readout["now"]["value_s"]
 
 
-def test_values_that_are_known_better_are_kept(recording: Path, kinect_vo: KinectVo) -> None:
-    write_camera(recording, readout_s=0.018, readout_sigma_s=0.0005)
-    outcome = kinect_vo("calibrate", "--timing", recording, "--camera-file", "sensor.toml")
-    assert outcome.code == 0
-    found = read_calibration(Path("sensor.toml"))
-    assert (found.readout_s, found.readout_sigma_s) == (0.018, 0.0005)
-    assert found.depth_offset_s != 0.0
-
-
 def test_a_camera_at_rest_is_rejected_and_nothing_is_written(
     tmp_path: Path, kinect_vo: KinectVo
 ) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from drivers.core.geometry import Trajectory, format_pose_line, read_trajectory
+from tests.drivers.core.test_trajectory_files import as_redwood
 from tests.vo_service.cli.cli_runner import KinectVo, assert_one_line, run_subprocess
 
 KEYS = {
@@ -99,45 +100,18 @@ def test_clocks_that_differ_are_matched_on_request(
     assert figures["ate_rmse_m"] < 0.02
 
 
-def as_kitti(truth: Trajectory) -> str:
-    return "\n".join(" ".join(map(str, T[:3].ravel())) for T in truth.T_world_camera)
-
-
-def as_redwood(truth: Trajectory) -> str:
-    rows = ("\n".join(" ".join(map(str, row)) for row in T) for T in truth.T_world_camera)
-    return "".join(f"{n} {n} {n + 1}\n{text}\n" for n, text in enumerate(rows))
-
-
-def as_euroc(truth: Trajectory) -> str:
-    """Write stamps a day later, because those from zero are not in nanoseconds."""
-    lines = []
-    for stamp_s, T in zip(truth.stamps_s, truth.T_world_camera, strict=True):
-        words = format_pose_line(stamp_s + 86400, T).split()
-        stamp_ns = words[0].replace(".", "") + "000"
-        lines.append(",".join([stamp_ns, *words[1:4], words[7], *words[4:7]]))
-    return "\n".join(lines)
-
-
-@pytest.mark.parametrize(
-    ("name", "write_truth", "note", "options"),
-    [
-        ("groundtruth.txt", as_kitti, "KITTI format, one pose for each frame", []),
-        ("trajectory.log", as_redwood, "Redwood format, stamps of the frames", []),
-        ("groundtruth.csv", as_euroc, "EuRoC format: nanoseconds", ["--time-offset", "86400"]),
-    ],
-)
-def test_ground_truth_of_other_benchmarks_is_recognized(
-    half: Path, copy_recording: Callable[..., Path], kinect_vo: KinectVo, name: str,
-    write_truth: Callable[[Trajectory], str], note: str, options: list[str]
-) -> None:  # fmt: skip
+def test_ground_truth_of_another_benchmark_is_recognized(
+    half: Path, copy_recording: Callable[..., Path], kinect_vo: KinectVo
+) -> None:
     folder = copy_recording(lists=True)
     truth = read_trajectory(folder / "groundtruth.txt")
     (folder / "groundtruth.txt").unlink()
-    (folder / name).write_text(write_truth(truth))
-    for path in (folder, folder / name):
-        outcome = kinect_vo("evaluate", half, path, "--json", *options)
+    file = folder / "trajectory.log"
+    file.write_text(as_redwood(truth.T_world_camera))
+    for path in (folder, file):
+        outcome = kinect_vo("evaluate", half, path, "--json")
         assert (outcome.code, outcome.error_lines) == (0, ""), outcome.err
-        assert f"{folder / name}: {note}" in outcome.err
+        assert f"{file}: Redwood format, stamps of the frames" in outcome.err
         figures = json.loads(outcome.out)
         assert (figures["matched"], figures["frames"]) == (6, 12)
         assert figures["ate_rmse_m"] == pytest.approx(0, abs=1e-6)

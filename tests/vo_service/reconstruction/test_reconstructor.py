@@ -150,7 +150,7 @@ def test_true_surfaces_are_what_the_camera_sees(tmp_path: Path) -> None:
     v, u = np.mgrid[: ROOM.camera.height, : ROOM.camera.width]
     z = frame.depth_m.astype(np.float64)
     x, y = (u - ROOM.camera.cx) / ROOM.camera.fx * z, (v - ROOM.camera.cy) / ROOM.camera.fy * z
-    seen_m = transform_points(truth.T_world_camera[0], np.dstack([x, y, z]).reshape(-1, 3))
+    seen_m = transform_points(truth.T_world_camera[0], np.dstack([x, y, z]).reshape(-1, 3)[::7])
     errors_m = distances_m(seen_m, make_solids(ideal))
     assert np.percentile(errors_m, 99) < 0.001  # depth comes in steps of 0.2 mm
     moved_m = seen_m + np.array([0.03, 0.03, 0.05])

@@ -79,7 +79,7 @@ def test_a_keyframe_with_an_implausible_loop_closure_stays() -> None:
 def test_repeated_visits_add_few_keyframes() -> None:
     made = make_loop_closer(STEPS + 1)
     once = len(made.database)
-    for n in range(STEPS + 1, 4 * STEPS):
+    for n in range(STEPS + 1, 3 * STEPS):
         made.process_keyframe(make_observation(n))
     assert once == STEPS + 1
     assert len(made.database) <= 1.5 * once < 2 * STEPS

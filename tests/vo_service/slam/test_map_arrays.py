@@ -32,7 +32,7 @@ def with_index(index: object, rest: bytes = b"") -> bytes:
     return struct.pack("<Q", len(text)) + text + rest
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(ARRAYS)
 def test_arrays_are_restored_unchanged(arrays: dict[str, NDArray[np.generic]]) -> None:
     again = unpack_arrays(pack_arrays(arrays))
@@ -42,7 +42,7 @@ def test_arrays_are_restored_unchanged(arrays: dict[str, NDArray[np.generic]]) -
         assert again[name].tobytes() == array.tobytes()
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(ARRAYS, st.data())
 def test_truncated_or_changed_bytes_are_rejected_or_read(
     arrays: dict[str, NDArray[np.generic]], data: st.DataObject

@@ -19,7 +19,7 @@ from vo_service.tools.calibration.snapshot import Snapshot
 
 # On A3.
 BOARD = Chessboard(BoardLayout(10, 7, 0.035))
-VIEWS = 26
+VIEWS = 23
 # With this seed, the boards reach every part of the image and have all tilts.
 SEED = 4
 FILE = "snapshots.pickle"

@@ -21,6 +21,7 @@ from vo_service.config_tables import MapConfig
 from vo_service.terminal import Terminal
 from vo_service.tools.compare.methods import SfmScale
 from vo_service.tools.compare.observers import LoopClosureObserverFactory
+from vo_service.tools.compare.report import report_folder as report_folder_module
 from vo_service.tools.compare.report.metadata import ReportMetadata
 from vo_service.tools.compare.report.report_folder import report_content, write_report
 from vo_service.tools.compare.report.tables import cost_table, error_table
@@ -191,7 +192,10 @@ def test_without_loop_closure_the_report_does_not_mention_it(report_folder: Path
         assert "loop_closure" not in (report_folder / name).read_text()
 
 
-def test_the_papers_results_are_in_the_report_of_its_recordings(tmp_path: Path) -> None:
+def test_the_papers_results_are_in_the_report_of_its_recordings(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(report_folder_module, "make_figures", lambda results: iter(()))
     floor = make_recording("freiburg1_floor")
     results = [make_results(floor, surf=make_outcome(floor))]
     write_report(tmp_path, METADATA, results, Terminal())

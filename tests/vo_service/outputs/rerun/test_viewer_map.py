@@ -64,20 +64,6 @@ def test_keyframes_and_edges_are_drawn(tmp_path: Path) -> None:
     assert edges[2] == [keyframes[2], keyframes[3]]
 
 
-@pytest.mark.rerun
-def test_without_a_map_none_is_drawn(tmp_path: Path) -> None:
-    path = draw_file(tmp_path, [make_update(seq) for seq in range(40)])
-    assert [entity for entity in count_rows(path) if entity.startswith("/world/map")] == []
-
-
-def test_a_map_that_agrees_with_odometry_is_on_its_trajectory() -> None:
-    updates = [make_update(seq) for seq in range(6)]
-    poses = [update.T_world_camera for update in updates]
-    encoder = encode_all([with_map(updates[5], make_keyframe_map(poses, np.eye(4)))])
-    np.testing.assert_allclose(encoder.graph.positions, [T[:3, 3] for T in poses], atol=1e-6)
-    np.testing.assert_allclose(encoder.graph.odometry_edges[0], encoder.graph.positions[:2])
-
-
 def test_corrections_move_the_map_and_its_origin_stays() -> None:
     updates = [make_update(seq) for seq in range(6)]
     poses = [update.T_world_camera for update in updates]

@@ -63,10 +63,10 @@ def subscribed(port: int, key: str) -> Iterator[Callable[[], zenoh.Sample]]:
 
 @pytest.mark.subprocess
 def test_a_slow_subscriber_gets_every_pose_in_order(free_port: int) -> None:
-    updates = [make_update(seq) for seq in range(900)]
+    updates = [make_update(seq) for seq in range(450)]
     # Longer than Zenoh's keep-alive period: closing at once would lose the tail.
-    samples = read_with_plain_zenoh(free_port, updates, seconds_per_sample=0.005)
-    assert [sample["attachment"]["seq"] for sample in samples] == list(range(900))
+    samples = read_with_plain_zenoh(free_port, updates, seconds_per_sample=0.01)
+    assert [sample["attachment"]["seq"] for sample in samples] == list(range(450))
 
 
 @pytest.mark.subprocess

@@ -202,12 +202,3 @@ def test_a_closed_reader_ends_it_quietly(endpoint: str) -> None:
         assert process.wait(100) == 0
         assert process.stderr is not None
         assert process.stderr.read() == ""
-
-
-def test_an_unreadable_message_is_skipped(endpoint: str) -> None:
-    with publisher(endpoint) as robot, listener(endpoint, "--count", "1") as process:
-        read_line(process)
-        robot.put("odom", b"nonsense")
-        assert "kinect/odom: ignored a message that cannot be read" in read_line(process)
-        robot.pose(1.0)
-        assert process.wait(100) == 0

@@ -184,7 +184,7 @@ def test_a_flood_of_commands_costs_a_normal_subscriber_no_pose(
         receive_pose_numbers(reader) as received,
     ):
         done = subprocess.run(
-            [sys.executable, str(FLOOD), str(file), "1.5"],
+            [sys.executable, str(FLOOD), str(file), "1.0"],
             capture_output=True,
             text=True,
             check=True,

@@ -1,9 +1,7 @@
 """The packed report is complete or does not exist."""
 
-import json
 import logging
 import tarfile
-from contextlib import AbstractContextManager
 from pathlib import Path
 
 import pytest
@@ -15,14 +13,7 @@ from vo_service.tools.doctor.report import (
     collect_versions,
     format_usb_listing,
     open_bug_report,
-    write_json,
 )
-
-
-def member_names(file: Path) -> set[str]:
-    """Return the names in a packed file."""
-    with tarfile.open(file) as archive:
-        return set(archive.getnames())
 
 
 def text_of(file: Path, name: str) -> str:
@@ -31,14 +22,6 @@ def text_of(file: Path, name: str) -> str:
         opened = archive.extractfile(name)
         assert opened is not None
         return opened.read().decode()
-
-
-def test_a_report_holds_the_files_of_its_folder(tmp_path: Path) -> None:
-    file = tmp_path / "kinect.tar.gz"
-    with open_bug_report(file) as folder:
-        write_json(folder / "doctor.json", {"verdict": "pass"})
-    assert {"kinect/doctor.json", "kinect/log.txt"} <= member_names(file)
-    assert json.loads(text_of(file, "kinect/doctor.json")) == {"verdict": "pass"}
 
 
 def test_the_log_is_detailed_in_the_report_alone(
@@ -60,21 +43,9 @@ def test_the_log_is_detailed_in_the_report_alone(
     assert root.level == before
 
 
-@pytest.mark.parametrize(
-    ("error", "raised"),
-    [
-        (OSError(28, "No space left on device"), pytest.raises(UserFacingError, match="no file")),
-        (KeyboardInterrupt(), pytest.raises(KeyboardInterrupt)),
-    ],
-)
-def test_a_report_that_fails_leaves_nothing_behind(
-    tmp_path: Path, error: BaseException, raised: AbstractContextManager[object]
-) -> None:
-    def fail() -> None:
-        raise error
-
-    with raised, open_bug_report(tmp_path / "kinect.tar.gz"):
-        fail()
+def test_an_interrupted_report_leaves_nothing_behind(tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt), open_bug_report(tmp_path / "kinect.tar.gz"):
+        raise KeyboardInterrupt
     assert list(tmp_path.iterdir()) == []
 
 

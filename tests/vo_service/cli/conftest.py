@@ -12,6 +12,7 @@ from tests.forked_process import forked_probes
 from tests.ports import free_port
 from tests.vo_service.cli.cli_runner import KinectVo, run_in_process
 from tests.vo_service.service_process import NO_MAP_CONFIG
+from vo_service.reconstruction import report
 
 
 @pytest.fixture(autouse=True)
@@ -32,6 +33,12 @@ def fork_probes() -> Iterator[None]:
 def kinect_vo(capfd: pytest.CaptureFixture[str]) -> KinectVo:
     """Run a command in this process, as `run_in_process` does."""
     return partial(run_in_process, capfd)
+
+
+@pytest.fixture
+def no_top_view(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An empty picture of the map from above, whose drawing takes most of a command's time."""
+    monkeypatch.setattr(report, "render_top_view", lambda *_: b"")
 
 
 @pytest.fixture

@@ -84,6 +84,7 @@ def test_a_given_trajectory_gives_a_map_in_its_world(
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("no_top_view")
 def test_without_a_trajectory_the_odometry_runs_and_its_trajectory_is_written(
     recording: Path, tmp_path: Path, kinect_vo: KinectVo
 ) -> None:
@@ -102,6 +103,7 @@ def test_without_a_trajectory_the_odometry_runs_and_its_trajectory_is_written(
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("no_top_view")
 def test_the_trajectory_of_an_earlier_map_does_not_stay_beside_one_of_other_poses(
     recording: Path, output: Path, kinect_vo: KinectVo, reconstruct: KinectVo
 ) -> None:
@@ -125,6 +127,7 @@ def test_an_option_of_the_odometry_with_a_given_trajectory_is_rejected(
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("no_top_view")
 def test_a_full_map_is_a_warning_and_still_written(output: Path, reconstruct: KinectVo) -> None:
     outcome = reconstruct("--voxel-m", 0.01, "--memory-mb", 20, "--json")
     # On a slow machine, progress comes besides.
@@ -169,6 +172,7 @@ def test_a_trajectory_of_another_recording_is_refused(
     assert not output.exists()
 
 
+@pytest.mark.usefixtures("no_top_view")
 def test_poses_in_millimeters_are_named(
     recording: Path, tmp_path: Path, output: Path, kinect_vo: KinectVo
 ) -> None:
@@ -193,6 +197,7 @@ def test_a_recording_without_depth_is_refused(
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("no_top_view")
 def test_ctrl_c_writes_the_map_of_the_frames_so_far(
     output: Path, reconstruct: KinectVo, monkeypatch: pytest.MonkeyPatch
 ) -> None:

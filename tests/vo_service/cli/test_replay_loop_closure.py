@@ -85,6 +85,7 @@ def test_with_loop_closure_a_replay_repeats_bit_for_bit_in_another_process(
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("no_top_view")
 def test_with_loop_closure_a_map_is_saved_at_the_optimized_poses(
     replayed: Replayed, tmp_path: Path, kinect_vo: KinectVo
 ) -> None:

@@ -46,16 +46,6 @@ def attempts(monkeypatch: pytest.MonkeyPatch) -> list[ZenohConfig]:
 
 
 @contextmanager
-def port_in_use(port: int) -> Iterator[None]:
-    """Occupy a port."""
-    with socket.socket() as other:
-        other.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        other.bind(("127.0.0.1", port))
-        other.listen()
-        yield
-
-
-@contextmanager
 def router(port: int) -> Iterator[zenoh.Session]:
     """Run Zenoh's router in this process."""
     settings = zenoh.Config()
@@ -102,7 +92,7 @@ def test_a_free_port_that_was_taken_is_replaced(
     found = iter([default_endpoint, free])
     monkeypatch.setattr(free_port_module, "_free_endpoint", lambda: next(found))
     with (
-        port_in_use(free_port),
+        socket.create_server(("127.0.0.1", free_port)),
         closing(ZenohOutput(config(free_port), LIVE_QOS, ConnectOnFreePort)) as output,
     ):
         assert f"--connect {free})" in output.description
@@ -115,14 +105,17 @@ def test_a_user_defined_port_is_never_replaced(free_port: int, tmp_path: Path) -
     other = ports.free_port()
     zenoh_configs = [(other, config(other)), (free_port, config(free_port, config_file=file))]
     for port, zenoh_config in zenoh_configs:
-        with port_in_use(port), pytest.raises(ZenohPortInUseError, match="the port is in use"):
+        with (
+            socket.create_server(("127.0.0.1", port)),
+            pytest.raises(ZenohPortInUseError, match="the port is in use"),
+        ):
             ConnectOnFreePort(zenoh_config)
 
 
 def test_once_the_port_is_free_everything_is_published_and_the_log_has_two_lines(
     free_port: int, attempts: list[ZenohConfig], caplog: pytest.LogCaptureFixture
 ) -> None:
-    with port_in_use(free_port):
+    with socket.create_server(("127.0.0.1", free_port)):
         output = ZenohOutput(config(free_port), LIVE_QOS, ConnectWithRetry)
         output.on_update(make_update(4))
         send_status_until(output, lambda: len(attempts) > 5)
@@ -219,7 +212,7 @@ def test_a_session_that_was_closed_unexpectedly_is_reopened(free_port: int) -> N
 def test_a_file_that_disappears_later_is_a_warning(free_port: int, tmp_path: Path) -> None:
     file = tmp_path / "zenoh.json5"
     file.write_text("{}")
-    with port_in_use(free_port):
+    with socket.create_server(("127.0.0.1", free_port)):
         connection_policy = ConnectWithRetry(config(free_port, config_file=file))
         file.unlink()
         wait_until(

@@ -9,6 +9,7 @@ import pytest
 
 from drivers.core.geometry import Array, rigid_transform
 from drivers.core.process.record_ring import RecordRingWriter
+from tests.vo_service.fakes import FakeClock
 from tests.vo_service.navigation.views import mounted, wall_on_floor
 from vo_service.config_tables import MapConfig
 from vo_service.slam.map_cells import NO_MAP_CELLS, FrameCells, MapCells
@@ -22,16 +23,9 @@ from vo_service.types.occupancy_grid import NO_GRID, OccupancyGrid
 MOUNT = mounted(0.5, 10.0)
 
 
-class Clock:
-    now_s = 100.0
-
-    def monotonic(self) -> float:
-        return self.now_s
-
-
 @pytest.fixture
-def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
-    clock = Clock()
+def clock(monkeypatch: pytest.MonkeyPatch) -> FakeClock:
+    clock = FakeClock()
     monkeypatch.setattr(module, "time", clock)
     return clock
 
@@ -69,7 +63,7 @@ def config(tmp_path: Path) -> Iterator[MapperWorkerConfig]:
 
 
 def test_a_grid_is_sent_when_it_has_changed_at_most_so_often(
-    clock: Clock, config: MapperWorkerConfig
+    clock: FakeClock, config: MapperWorkerConfig
 ) -> None:
     sent: list[MapperMessage] = []
     grid = KeyframeGrid(config, sent.append)

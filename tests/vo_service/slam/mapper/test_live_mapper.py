@@ -12,13 +12,13 @@ import pytest
 from tests.full_disk import limit_file_size
 from tests.resource_leaks import child_pids_of, is_alive, resources_in_use
 from tests.vo_service.outputs.recorder.recorder_inputs import command_error
+from tests.vo_service.reconstruction.ply_reader import read_ply
 from tests.vo_service.slam.mapper.wall_sequence import (
     COARSE,
     WALL_M,
     make_wall_update,
     mapper_pid,
     move_along_wall,
-    read_vertices_m,
     running_mapper,
     save_map,
 )
@@ -49,7 +49,7 @@ def saved_wall(kernels: None, tmp_path_factory: pytest.TempPathFactory) -> Itera
 
 
 def test_a_mesh_has_the_seen_surfaces_in_odom(saved_wall: SavedWallMap) -> None:
-    places_m = read_vertices_m(saved_wall.map)
+    places_m = read_ply(saved_wall.map).vertices_m
     np.testing.assert_allclose(places_m[:, 0], WALL_M, atol=COARSE.voxel_m)  # x is forward
     assert places_m[:, 1].min() < -1.0 < 0.5 < places_m[:, 1].max()  # y is left; it went right
     assert np.abs(places_m[:, 2]).max() < 1.0

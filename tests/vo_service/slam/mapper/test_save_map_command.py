@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from tests import forked_process
+from tests.vo_service.reconstruction.ply_reader import read_ply
 from tests.vo_service.service_process import START_TIMEOUT_S
 from tests.vo_service.service_runner import CAMERA, ServiceRunner, service_runner
-from tests.vo_service.slam.mapper.wall_sequence import read_vertices_m
 
 pytestmark = [pytest.mark.subprocess, pytest.mark.zenoh]
 
@@ -49,7 +49,7 @@ def test_a_map_is_saved_on_command_while_poses_continue(runner: ServiceRunner) -
     service.wait_for_status(lambda status: status["map"]["saved"] == str(file))
     assert len(service.received.poses) > first
     assert service.status["map"]["saving"] == ""
-    assert len(read_vertices_m(file)) > 100
+    assert len(read_ply(file).vertices_m) > 100
     assert "triangles from 1 keyframes" in service.log
     again = send_map_command(runner, "kitchen")
     assert again.returncode == 1

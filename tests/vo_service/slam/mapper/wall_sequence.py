@@ -7,7 +7,6 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import T_BODY_CAMERA, inverse, rigid_transform
@@ -75,15 +74,6 @@ def save_map(mapper: LiveMapper, name: str) -> Path:
     wait_until(lambda: not mapper.state.saving, f"{file}")
     assert mapper.state.saved == file, mapper.warning
     return Path(file)
-
-
-def read_vertices_m(file: Path) -> NDArray[np.float32]:
-    """(N, 3) vertices of a binary PLY file."""
-    header, _, data = file.read_bytes().partition(b"end_header\n")
-    count = int(header.split(b"element vertex ")[1].split()[0])
-    kind = np.dtype([("position", "<f4", 3), ("normal", "<f4", 3), ("color", "u1", 3)])
-    found = np.frombuffer(data, kind, count)["position"]
-    return found.reshape(-1, 3)
 
 
 def mapper_pid() -> int:

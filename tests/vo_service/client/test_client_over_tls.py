@@ -1,14 +1,10 @@
 """The client with the project's own files for TLS, against a robot with rules."""
 
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
-
 import pytest
 import zenoh
 
 from tests.vo_service.security.conftest import keys, network, robot
-from tests.vo_service.security.tls_network import TlsNetwork, TlsRobot
+from tests.vo_service.security.tls_network import TlsNetwork, TlsRobot, running_robot
 from tests.waiting import wait_until
 from vo_service import PoseClient, PoseUnavailable, PoseUnavailableReason, ServiceUnavailable
 from vo_service.client import connection
@@ -31,19 +27,6 @@ def test_a_reader_gets_poses_but_no_reply_to_a_command(
         with pytest.raises(ServiceUnavailable):
             client.command("pause", timeout_s=1.0)
     assert robot.executed == []
-
-
-@contextmanager
-def running_robot(network: TlsNetwork) -> Iterator[None]:
-    """Run a robot while the block runs."""
-    robot = TlsRobot(network.file("robot-tls.json5", network.server_identity))
-    thread = threading.Thread(target=robot.run)
-    thread.start()
-    try:
-        yield
-    finally:
-        robot.stop.set()
-        thread.join()
 
 
 def test_a_missing_robot_is_awaited_and_reconnected(network: TlsNetwork) -> None:

@@ -1,12 +1,17 @@
 """Keys for the whole session, a network for each test, and a robot that executes commands."""
 
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from tests.vo_service.security.tls_network import TlsNetwork, TlsRobot, make_keys, make_network
+from tests.vo_service.security.tls_network import (
+    TlsNetwork,
+    TlsRobot,
+    make_keys,
+    make_network,
+    running_robot,
+)
 
 
 @pytest.fixture(scope="session")
@@ -24,9 +29,5 @@ def network(keys: Path, tmp_path: Path) -> TlsNetwork:
 @pytest.fixture
 def robot(network: TlsNetwork) -> Iterator[TlsRobot]:
     """A robot with robot-tls.json5 that publishes 30 poses a second and executes every command."""
-    robot = TlsRobot(network.file("robot-tls.json5", network.server_identity))
-    thread = threading.Thread(target=robot.run)
-    thread.start()
-    yield robot
-    robot.stop.set()
-    thread.join()
+    with running_robot(network) as robot:
+        yield robot

@@ -130,6 +130,19 @@ class TlsRobot:
 
 
 @contextmanager
+def running_robot(network: TlsNetwork) -> Iterator[TlsRobot]:
+    """Run a robot with robot-tls.json5 while the block runs."""
+    robot = TlsRobot(network.file("robot-tls.json5", network.server_identity))
+    thread = threading.Thread(target=robot.run)
+    thread.start()
+    try:
+        yield robot
+    finally:
+        robot.stop.set()
+        thread.join()
+
+
+@contextmanager
 def receive_pose_numbers(session: zenoh.Session) -> Iterator[list[int]]:
     """Collect the numbers of the poses while the block runs; wait for the first."""
     numbers: list[int] = []

@@ -7,7 +7,6 @@ from tests.vo_service.client.fake_service import (
     BLOCK,
     FakeService,
     find_free_endpoint,
-    publish_and_receive,
     running_fake_service,
 )
 from tests.waiting import wait_until
@@ -37,12 +36,6 @@ def test_a_map_odom_has_all_fields_of_the_message(service: FakeService, client: 
     assert (received.map_keyframes, received.loop_closures) == (7, 2)
     np.testing.assert_allclose(received.T_map_odom[:3, 3], [0.0, 2.0, 0.0])
     assert 0 <= received.age_s < 20
-
-
-def test_a_pose_in_the_map_is_a_product(service: FakeService, client: PoseClient) -> None:
-    pose = publish_and_receive(service, client.poses(), 8, x_m=1.0)
-    T_map_base = receive_map_odom(service, client, 8).T_map_odom @ pose.T_odom_base
-    np.testing.assert_allclose(T_map_base[:3, 3], [1.0, 2.5, -0.25])
 
 
 def test_a_service_without_a_map_raises_an_error() -> None:

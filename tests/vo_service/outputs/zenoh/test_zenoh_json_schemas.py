@@ -2,7 +2,7 @@
 
 import dataclasses
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -28,8 +28,7 @@ from vo_service.types.messages import (
 )
 
 SCHEMAS = all_schemas()
-REFERENCE = Path(__file__).parents[4] / "docs" / "reference"
-PAGES = "".join((REFERENCE / page).read_text() for page in ("messages.md", "errors.md"))
+PAGE = (Path(__file__).parents[4] / "docs" / "reference" / "errors.md").read_text()
 
 plain = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8)
 numbers = st.lists(st.floats(-2.0, 2.0) | st.integers(-1, 1), min_size=2, max_size=5)
@@ -130,14 +129,6 @@ def test_a_type_without_a_schema_is_an_error() -> None:
         schema_of(set[int])
 
 
-def status_fields(schema: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
-    """Return the names of all fields of the status, those of a group as `group.name`."""
-    for name, field in schema["properties"].items():
-        yield f"{prefix}{name}"
-        if "properties" in field:
-            yield from status_fields(field, f"{name}.")
-
-
-@pytest.mark.parametrize("word", [*status_fields(SCHEMAS["status"]), *COMMANDS, *ErrorCode])
-def test_the_documentation_names_everything(word: str) -> None:
-    assert f"`{word}`" in PAGES
+@pytest.mark.parametrize("code", ErrorCode)
+def test_the_documentation_names_each_error(code: ErrorCode) -> None:
+    assert f"`{code}`" in PAGE

@@ -122,6 +122,12 @@ def test_a_loss_just_before_the_end_is_written(tmp_path: Path) -> None:
     assert len(read_recording(wait_for_incident(tmp_path, "lost"))) == 2
 
 
+def test_incidents_of_losses_can_be_disabled(tmp_path: Path) -> None:
+    with running_recorder(tmp_path, replace(SMALL, save_on_loss=False)) as recorder:
+        send_updates(recorder, make_update(0), make_update(1, LOST))
+    assert list_incidents(tmp_path) == []
+
+
 def test_a_clean_exit_writes_nothing(tmp_path: Path) -> None:
     with running_recorder(tmp_path):
         pass  # what is loaded once stays
@@ -143,6 +149,18 @@ def test_a_due_incident_is_written_despite_another_setting(tmp_path: Path) -> No
         send_updates(recorder, make_update(0), make_update(1, LOST))
         recorder.configure(replace(SMALL, total_mb=1000))
     assert len(read_recording(wait_for_incident(tmp_path, "lost"))) == 2
+
+
+def test_too_many_incidents_are_not_kept(tmp_path: Path) -> None:
+    settings = replace(SMALL, total_mb=1, folder=tmp_path / "elsewhere")
+    large = PinholeCamera(320, 240, 300.0, 300.0, 159.5, 119.5)
+    with running_recorder(tmp_path, settings) as recorder:
+        send_updates(recorder, make_update(0, camera=large), make_update(1, camera=large))
+        for reason in ("first", "second", "third"):
+            save_incident(recorder, reason)
+    names = sorted(path.name for path in (tmp_path / "elsewhere").iterdir())
+    assert len(names) == 1
+    assert names[0].endswith("third")
 
 
 def test_quota_and_save_on_loss_can_change_at_run_time(

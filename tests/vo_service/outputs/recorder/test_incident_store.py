@@ -96,3 +96,12 @@ def test_an_unusable_folder_is_reported_in_advance(tmp_path: Path) -> None:
     assert check_writable(tmp_path) == check_writable(tmp_path / "new" / "incidents") == ""
     assert "file: cannot be used" in check_writable(tmp_path / "file")
     assert "Not a directory" in check_writable(tmp_path / "file" / "incidents")
+
+
+def test_folder_and_incidents_are_private(tmp_path: Path) -> None:
+    before = os.umask(0)
+    try:
+        written = IncidentStore(tmp_path / "incidents", 1000).write(NEW, fill)
+    finally:
+        os.umask(before)
+    assert [oct(path.stat().st_mode & 0o777) for path in (written, written.parent)] == ["0o700"] * 2

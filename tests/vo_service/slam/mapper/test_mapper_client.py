@@ -80,6 +80,7 @@ def test_a_restarted_process_loads_the_map_again(fixture: MapperFixture) -> None
     fixture.load("home")
     assert fixture.mapper.state.loaded == "/maps/home.keyframes"
     fixture.stand_until_sent(2)  # also a keyframe of the loaded map
+    fixture.mapper.configure(COARSE)  # a reload of the configuration does not forget it
     fixture.client.on_exit("crashed")
     assert fixture.client.make_config().map_config.load == "home"
     assert fixture.client.make_config().first_frame == 2

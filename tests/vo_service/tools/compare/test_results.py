@@ -28,6 +28,14 @@ def test_a_run_is_evaluated_by_the_truth_of_its_recording() -> None:
     assert (metrics["state"], metrics["gaps"], metrics["no_evaluation"]) == ("done", [], "")
 
 
+def test_gross_errors_are_counted_but_not_at_a_new_epoch() -> None:
+    assert evaluate_outcome(make_recording()).gross_errors == 0
+    diverged = evaluate_outcome(
+        make_recording(), step_m=STEP_M + 0.06, lost=range(20, 24), epoch_from=24
+    )
+    assert (diverged.gross_errors, diverged.steps) == (FRAMES - 4 - 2, FRAMES - 4 - 2)
+
+
 def test_a_gap_is_listed_with_the_result_of_the_method() -> None:
     lost = evaluate_outcome(make_recording(gap_s=1.0), lost=range(20, 24)).as_json()
     assert lost["gaps"][0]["across"] == "lost 4 frames, then recovered"

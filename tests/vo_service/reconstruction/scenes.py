@@ -1,7 +1,5 @@
 """Small images of known shapes, for the tests of maps."""
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,7 +13,6 @@ RED, BLUE = (0, 0, 200), (220, 30, 10)
 SETTINGS = TsdfConfig(voxel_m=0.05, memory_mb=20)
 
 Depth = NDArray[np.float32]
-Scene = Callable[[Array, Array], Array]
 
 
 def pixel_rays() -> Array:

@@ -17,11 +17,10 @@ from drivers.core.process.worker_spec import WorkerSpec
 from drivers.synthetic import frame_provider
 from drivers.synthetic.camera import SyntheticCamera
 from drivers.synthetic.rendered_sequence import create_sequence, files_for_config
-from drivers.synthetic.renderer import make_renderer
 from drivers.synthetic.sensors import RenderedImages
 from tests.drivers.fake_host import FakeHost
 from tests.drivers.synthetic import idle_renderer
-from tests.drivers.synthetic.cached_cameras import RendererFactory, fill_sequence, read_frames
+from tests.drivers.synthetic.cached_cameras import RendererFactory, read_frames
 from tests.drivers.synthetic.conftest import FAULTY
 from tests.resource_leaks import child_pids
 from tests.waiting import wait_until
@@ -42,10 +41,13 @@ def pixels(frames: Sequence[RgbdFrame | RenderedImages]) -> list[bytes]:
     return [frame.color_bgr.tobytes() + frame.depth_raw.tobytes() for frame in frames]
 
 
-def test_the_frames_are_those_of_the_renderer_and_no_process_is_left(tmp_path: Path) -> None:
-    renderer = make_renderer(FAULTY, threads=1)
-    rendered = [renderer.render(index) for index in range(FAULTY.frame_count)]
-    camera = SyntheticCamera(FAULTY, tmp_path, threads=2)
+def test_the_frames_are_those_of_any_renderer_and_no_process_is_left(
+    tmp_path: Path, shared_renderer: RendererFactory
+) -> None:
+    """The one here renders them from the last to the first."""
+    renderer = shared_renderer(FAULTY)
+    rendered = [renderer.render(index) for index in reversed(range(FAULTY.frame_count))][::-1]
+    camera = SyntheticCamera(FAULTY, tmp_path, threads=1)
     with opened(camera) as first:
         assert pixels([first, *read_frames(camera)]) == pixels(rendered)
     assert child_pids() == []
@@ -54,18 +56,14 @@ def test_the_frames_are_those_of_the_renderer_and_no_process_is_left(tmp_path: P
         assert pixels(read_frames(again)) == pixels(rendered)
 
 
-def test_the_camera_is_starting_until_the_room_is_painted(tmp_path: Path) -> None:
-    with SyntheticCamera(FAULTY, tmp_path, PlaybackMode.REALTIME) as camera:
+def test_a_live_camera_prepares_its_room_and_goes_on_after_its_process(tmp_path: Path) -> None:
+    looped = replace(FAULTY, loop=True)
+    with SyntheticCamera(looped, tmp_path, PlaybackMode.REALTIME) as camera:
         with pytest.raises(FrameTimeout):
             camera.read(0.0)
         assert str(camera.status) == "starting: preparing its room"
         assert camera.read(START_S).seq == 0
         assert camera.status.state is CameraState.STREAMING
-
-
-def test_the_process_ends_while_a_live_reader_goes_on_when_all_is_rendered(tmp_path: Path) -> None:
-    looped = replace(FAULTY, loop=True)
-    with SyntheticCamera(looped, tmp_path, PlaybackMode.REALTIME) as camera:
         wait_until(lambda: camera.read(START_S) and not child_pids())
         assert camera.read(START_S).seq > 0
 
@@ -88,20 +86,6 @@ def test_a_live_reader_gets_the_newest_frame_that_is_rendered_and_the_rest_is_co
         host.sleep(due / FAULTY.rate_hz)
         assert camera.read(1.0).seq == seq
         assert camera.counters.dropped == dropped
-
-
-def test_a_damaged_frame_is_rendered_again(
-    tmp_path: Path, shared_renderer: RendererFactory
-) -> None:
-    files = files_for_config(FAULTY, tmp_path)
-    fill_sequence(FAULTY, tmp_path, shared_renderer)
-    whole = files.frames.read_bytes()
-    with files.frames.open("r+b") as file:
-        file.seek(3 * files.frame_bytes + 100)
-        file.write(b"damaged")
-    with SyntheticCamera(FAULTY, tmp_path) as camera:
-        assert len(read_frames(camera)) == 6
-    assert files.frames.read_bytes() == whole
 
 
 def test_a_renderer_that_is_killed_is_reported_keeps_its_frames_and_is_started_again(

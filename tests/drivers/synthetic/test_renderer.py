@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera
 from drivers.core.geometry import inverse, transform_points
+from drivers.plausibility import find_unit_fault
 from drivers.synthetic.config import ColorSensorModel, MotionKind, ShutterTiming, SyntheticConfig
 from drivers.synthetic.motions import make_motion
 from drivers.synthetic.renderer import Renderer, make_renderer
 from drivers.synthetic.room import ROOM_HEIGHT_M
-from tests.drivers.synthetic.conftest import FAULTY, IDEAL, make_small
+from tests.drivers.synthetic.conftest import FAULTY, IDEAL
 
 pytestmark = pytest.mark.slow
 
@@ -22,32 +23,17 @@ Shoot = Callable[[SyntheticConfig], Renderer]
 LARGER = PinholeCamera(320, 240, 262.5, 262.5, 159.5, 119.5)
 
 
-def test_a_frame_is_the_same_in_every_renderer(shared_renderer: Shoot) -> None:
-    one, two = shared_renderer(FAULTY), make_renderer(FAULTY, threads=1)
-    two.render(3)
-    a, b = one.render(2), two.render(2)
-    np.testing.assert_array_equal(a.color_bgr, b.color_bgr)
-    np.testing.assert_array_equal(a.depth_raw, b.depth_raw)
-
-
-@pytest.fixture(scope="module")
-def rooms() -> dict[int, Renderer]:
-    """Renderers by seed, each of five frames on a long path through its room."""
-    small = make_small(SyntheticConfig.ideal())
-    config = replace(small, duration_s=20.0, rate_hz=0.25, texel_m=0.05)
-    return {seed: make_renderer(replace(config, seed=seed), 2) for seed in (1, 2)}
-
-
-def test_another_seed_is_another_room(rooms: dict[int, Renderer]) -> None:
-    a, b = (rooms[seed].render(0) for seed in (1, 2))
+def test_another_seed_is_another_room(shared_renderer: Shoot) -> None:
+    other = make_renderer(replace(IDEAL, seed=2), 2)
+    a, b = shared_renderer(IDEAL).render(0), other.render(0)
     assert np.mean(a.depth_raw == b.depth_raw) < 0.1
     assert np.mean(cv2.absdiff(a.color_bgr, b.color_bgr)) > 10
 
 
-def test_points_seen_in_two_ideal_frames_agree() -> None:
+def test_points_seen_in_two_ideal_frames_agree(shared_renderer: Shoot) -> None:
     """Corners projected by depth and true poses, compared with optical flow."""
-    config = replace(IDEAL, camera=LARGER, texel_m=0.008, rate_hz=10.0, duration_s=1.0)
-    renderer = make_renderer(config, 2)
+    config = replace(IDEAL, camera=LARGER, rate_hz=10.0, duration_s=1.0)
+    renderer = shared_renderer(config)
     one, two = renderer.render(0), renderer.render(1)
     gray = [cv2.cvtColor(images.color_bgr, cv2.COLOR_BGR2GRAY) for images in (one, two)]
     corners = cv2.goodFeaturesToTrack(gray[0], 150, 0.05, 8)
@@ -174,6 +160,20 @@ def test_every_fault_of_the_sensor_can_be_switched_off_alone(shared_renderer: Sh
     assert len(seen) == len(variants) + 1
 
 
+@pytest.mark.usefixtures("unpainted")
 @pytest.mark.parametrize("seed", [1, 2])
-def test_the_camera_stays_clear_of_the_furniture(rooms: dict[int, Renderer], seed: int) -> None:
-    assert min(rooms[seed].render(i).depth_raw.min() for i in range(5)) > 0.2 * 5000
+def test_the_camera_stays_clear_of_the_furniture(seed: int) -> None:
+    config = replace(IDEAL, seed=seed, duration_s=20.0, rate_hz=0.25)
+    renderer = make_renderer(config, 2)
+    assert min(renderer.render(i).depth_raw.min() for i in range(5)) > 0.2 * 5000
+
+
+@pytest.mark.usefixtures("unpainted")
+@pytest.mark.parametrize("motion", [kind for kind in MotionKind if kind != MotionKind.DRIVEN])
+def test_the_unit_of_depth_is_plausible_on_every_motion(motion: MotionKind) -> None:
+    bare_wall = motion in (MotionKind.WALL, MotionKind.WALL_DRIVE)
+    config = replace(SyntheticConfig.fast(), motion=motion, bare_wall=bare_wall, duration_s=20.0)
+    renderer = make_renderer(replace(config, rate_hz=0.1), 2)
+    for index in range(2):
+        histogram = np.bincount(renderer.render(index).depth_raw.ravel(), minlength=1 << 16)
+        assert find_unit_fault(histogram, config.depth_factor) == ""

@@ -7,7 +7,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from itertools import chain, cycle, islice
 from pathlib import Path
 from typing import Any
@@ -108,12 +108,18 @@ class ProgramOutput:
 
 
 @contextmanager
-def program(name: str, *arguments: object) -> Iterator[ProgramOutput]:
-    """An example while it runs."""
-    command = [sys.executable, str(EXAMPLES / name), *(str(argument) for argument in arguments)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+def output_of(
+    command: list[str], start: "type[subprocess.Popen[str]]" = subprocess.Popen
+) -> Iterator[ProgramOutput]:
+    """A program while it runs."""
+    process = start(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     lines = ProgramOutput(process)
     try:
         yield lines
     finally:
         lines.stop()
+
+
+def program(name: str, *arguments: object) -> AbstractContextManager[ProgramOutput]:
+    """An example while it runs."""
+    return output_of([sys.executable, str(EXAMPLES / name), *map(str, arguments)])

@@ -23,7 +23,8 @@ import pytest
 from tests import forked_process
 from tests.conftest import FRAMES
 from tests.drivers.freenect.conftest import plug_in
-from tests.examples.conftest import EXAMPLES, RATE_HZ, ProgramOutput, program
+from tests.examples.conftest import EXAMPLES, RATE_HZ, output_of, program
+from tests.forked_process import ForkedProcess
 from tests.json_schema import schema_errors
 from tests.ports import free_port
 from tests.simulators.fixtures import SimulateKinect
@@ -45,10 +46,13 @@ def finished(name: str, *arguments: object) -> "subprocess.CompletedProcess[str]
 
 
 def finished_fork(name: str, *arguments: object) -> "subprocess.CompletedProcess[str]":
-    """The same in a process that has imported all: another test has started it."""
-    program = f"import runpy\nrunpy.run_path({str(EXAMPLES / name)!r}, run_name='__main__')\n"
+    """The same in a process that has imported all, and waits a tenth of a second for frames.
+
+    Another test starts it.
+    """
+    text = (EXAMPLES / name).read_text().replace("timeout_s=10.0", "timeout_s=0.1")
     words = (str(argument) for argument in arguments)
-    return forked_process.run([sys.executable, "-c", program, *words])
+    return forked_process.run([sys.executable, "-c", text, *words])
 
 
 def kinect_vo(*arguments: str) -> "subprocess.CompletedProcess[str]":
@@ -97,7 +101,7 @@ def test_frames_of_a_kinect_are_printed_until_ctrl_c(simulate_kinect: SimulateKi
 
 @pytest.mark.parametrize("name", ["read_camera.py", "odometry.py"])
 def test_a_wrong_source_is_one_line(name: str) -> None:
-    done = finished(name, "tum:/nowhere")
+    done = finished_fork(name, "tum:/nowhere")
     assert (done.stdout, done.returncode) == ("", 1)
     assert done.stderr == "/nowhere: no such folder; check the path\n"
 
@@ -133,7 +137,7 @@ def test_poses_of_the_map_epoch_are_printed_in_the_map() -> None:
 
 @pytest.mark.zenoh
 def test_a_service_without_a_map_is_reported(endpoint: str) -> None:
-    done = finished("pose_in_map.py", endpoint)
+    done = finished_fork("pose_in_map.py", endpoint)
     assert (done.stderr, done.returncode) == ("there is no map yet\n", 1)
 
 
@@ -196,7 +200,7 @@ def test_a_simulated_base_sends_its_wheels() -> None:
 
 
 def test_a_command_without_a_service_is_an_error() -> None:
-    done = finished("send_command.py", "tcp/127.0.0.1:1")
+    done = finished_fork("send_command.py", "tcp/127.0.0.1:1")
     assert "no kinect-vo answers" in done.stderr
     assert done.returncode == 1
 
@@ -213,7 +217,7 @@ def test_poses_are_written_to_csv(endpoint: str, tmp_path: Path) -> None:
 
 
 def test_a_csv_program_without_a_file_prints_its_usage() -> None:
-    done = finished("poses_to_csv.py")
+    done = finished_fork("poses_to_csv.py")
     assert "Usage: python poses_to_csv.py FILE.csv SECONDS" in done.stderr
     assert "Traceback" not in done.stderr
     assert done.returncode == 1
@@ -374,7 +378,7 @@ def test_an_example_of_a_camera_ends_without_an_error_when_its_reader_leaves(
 def test_a_program_that_gets_no_frame_is_one_line(
     tmp_path: Path, name: str, arguments: list[int]
 ) -> None:
-    done = finished(name, tmp_path / "out", *arguments, find_free_endpoint())
+    done = finished_fork(name, tmp_path / "out", *arguments, find_free_endpoint())
     assert "no kinect-vo publishes there" in done.stderr.splitlines()[-1]
     assert ("Traceback" in done.stderr, done.returncode) == (False, 1)
 
@@ -449,12 +453,6 @@ def test_service_programs_in_the_documentation_run(endpoint: str, page: str) -> 
         # Elsewhere than the service of somebody who works on this computer, and not for so long.
         here = code.replace("tcp/127.0.0.1:7450", endpoint).replace("sleep(10)", "sleep(1)")
         here = re.sub(r"(PoseClient|FrameClient)\(\)", rf"\1(connect={endpoint!r})", here)
-        process = subprocess.Popen(
-            [sys.executable, "-u", "-c", here], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-            text=True,
-        )  # fmt: skip
-        lines = ProgramOutput(process)
-        try:
+        unbuffered = f"import sys\nsys.stdout.reconfigure(line_buffering=True)\n{here}"
+        with output_of([sys.executable, "-c", unbuffered], ForkedProcess) as lines:
             lines.wait_for_line("tracking|degraded|240, 320, 3")
-        finally:
-            lines.stop()

@@ -12,6 +12,7 @@ import cv2
 import mcap.writer
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from rosbags.typesys import get_types_from_msg
 
 from drivers.bag.image_messages import RVL_SIZE
@@ -50,16 +51,24 @@ def write_color(bag: BagWriter, k: int, stamp: int | None = None, info: Info = N
     bag.write(COLOR_TOPIC, IMAGE, log_ns, bag.maker.image(t, color_image(k), "bgr8"))
 
 
-def write_frame(bag: BagWriter, k: int, stamp: int | None = None, info: Info = NO_CHANGE) -> None:
-    """Write a frame, with changes of the color camera's information."""
+def write_frame(
+    bag: BagWriter,
+    k: int,
+    stamp: int | None = None,
+    info: Info = NO_CHANGE,
+    depth: NDArray[Any] | None = None,
+    encoding: str = "16UC1",
+) -> None:
+    """Write a frame, with changes of the color camera's information, or with another depth."""
     write_color(bag, k, stamp, info)
     t = stamp_ns(k if stamp is None else stamp)
-    bag.write(DEPTH_TOPIC, IMAGE, stamp_ns(k), bag.maker.image(t, depth_mm(k), "16UC1"))
+    image = depth_mm(k) if depth is None else depth
+    bag.write(DEPTH_TOPIC, IMAGE, stamp_ns(k), bag.maker.image(t, image, encoding))
 
 
 def first_frame(folder: Path, fill: Fill) -> RgbdFrame:
     """The first frame of a bag."""
-    with RecordingCamera(make_bag(folder / "a", fill)) as camera:
+    with RecordingCamera(make_bag(folder / "a", fill, count=1)) as camera:
         return next(iter(camera))
 
 
@@ -101,9 +110,9 @@ def test_an_old_ros2_bag_without_definitions_is_read(tmp_path: Path) -> None:
 
 def test_frames_are_read_in_any_order(tmp_path: Path) -> None:
     for kind in KINDS:
-        path = make_bag(tmp_path / ("b.bag" if kind == "bag" else kind), kind=kind, count=40)
+        path = make_bag(tmp_path / ("b.bag" if kind == "bag" else kind), kind=kind, count=12)
         recording = open_recording(path)
-        for k in (39, 3, 3, 21, 0):
+        for k in (11, 3, 3, 7, 0):
             color, depth = recording.frames.pairs[k].load(SIZE, SIZE)
             np.testing.assert_array_equal(color, color_image(k))
             np.testing.assert_array_equal(depth, depth_mm(k))
@@ -250,8 +259,7 @@ def test_poses_that_a_robot_estimated_are_no_ground_truth(
     assert (open_recording(make_bag(tmp_path / "a", fill)).ground_truth is not None) == is_true
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("wrong", [0, 3, 8])
+@pytest.mark.parametrize(("kind", "wrong"), [("bag", 0), ("sqlite3", 3), ("mcap", 8)])
 def test_a_frame_an_hour_ahead_is_left_out_and_said_once(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, kind: str, wrong: int
 ) -> None:
@@ -378,12 +386,8 @@ def test_two_cameras_must_be_chosen_from(tmp_path: Path) -> None:
 
 
 def test_another_size_of_depth_is_refused(tmp_path: Path) -> None:
-    def fill(bag: BagWriter, k: int) -> None:
-        write_color(bag, k)
-        depth = bag.maker.image(stamp_ns(k), depth_mm(k)[:, :32], "16UC1")
-        bag.write(DEPTH_TOPIC, IMAGE, stamp_ns(k), depth)
-
-    assert "color is 64x48 but depth" in complaint(make_bag(tmp_path / "a", fill))
+    path = make_bag(tmp_path / "a", partial(write_frame, depth=depth_mm(0)[:, :32]))
+    assert "color is 64x48 but depth" in complaint(path)
 
 
 def test_a_lens_model_that_is_not_browns_is_refused(tmp_path: Path) -> None:

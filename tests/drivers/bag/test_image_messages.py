@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from drivers.camera import RgbdFrame
-from drivers.playback.camera import RecordingCamera
 from drivers.playback.recording_formats import open_recording
 from tests.drivers.bag.bag_maker import (
     COMPRESSED,
@@ -25,7 +23,9 @@ from tests.drivers.bag.test_bag import (
     COLOR_TOPIC,
     DEPTH_TOPIC,
     INFO_TOPIC,
+    Fill,
     complaint,
+    first_frame,
     make_bag,
     write_color,
 )
@@ -68,9 +68,9 @@ def yuv422(order: str) -> NDArray[np.uint8]:
     return data
 
 
-def read_color(
-    path: Path, image: NDArray[Any], encoding: str, is_bigendian: bool = False
-) -> NDArray[np.int64]:
+def color_filler(image: NDArray[Any], encoding: str, is_bigendian: bool = False) -> Fill:
+    """Return what writes frames with this color."""
+
     def fill(bag: BagWriter, k: int) -> None:
         t = stamp_ns(k)
         message = bag.maker.image(t, image, encoding)
@@ -79,8 +79,14 @@ def read_color(
         bag.write(COLOR_TOPIC, IMAGE, t, message)
         bag.write(DEPTH_TOPIC, IMAGE, t, bag.maker.image(t, depth_mm(k), "16UC1"))
 
-    with RecordingCamera(make_bag(path, fill, count=1)) as camera:
-        color: NDArray[np.int64] = next(iter(camera)).color_bgr.astype(int)
+    return fill
+
+
+def read_color(
+    path: Path, image: NDArray[Any], encoding: str, is_bigendian: bool = False
+) -> NDArray[np.int64]:
+    frame = first_frame(path, color_filler(image, encoding, is_bigendian))
+    color: NDArray[np.int64] = frame.color_bgr.astype(int)
     return color
 
 
@@ -97,20 +103,20 @@ EXACT_16 = {name.replace("8", "16"): to_16_bits(image) for name, image in EXACT.
 
 @pytest.mark.parametrize("encoding", [*EXACT, *EXACT_16])
 def test_color_is_read_exactly(tmp_path: Path, encoding: str) -> None:
-    color = read_color(tmp_path / "a", (EXACT | EXACT_16)[encoding], encoding)
+    color = read_color(tmp_path, (EXACT | EXACT_16)[encoding], encoding)
     np.testing.assert_array_equal(color, known_image())
 
 
 @pytest.mark.parametrize("encoding", ["mono8", "8UC1", "mono16"])
 def test_gray_images_get_three_equal_channels(tmp_path: Path, encoding: str) -> None:
     gray = known_image()[..., 0]
-    color = read_color(tmp_path / "a", to_16_bits(gray) if encoding == "mono16" else gray, encoding)
+    color = read_color(tmp_path, to_16_bits(gray) if encoding == "mono16" else gray, encoding)
     np.testing.assert_array_equal(color, np.dstack([gray] * 3))
 
 
 def test_color_of_a_big_endian_machine_is_read(tmp_path: Path) -> None:
     image = to_16_bits(known_image()) - np.uint16(200)  # both bytes of a value differ
-    color = read_color(tmp_path / "a", image.astype(">u2"), "bgr16", is_bigendian=True)
+    color = read_color(tmp_path, image.astype(">u2"), "bgr16", is_bigendian=True)
     assert np.abs(color - known_image()).max() <= 1
 
 
@@ -120,7 +126,7 @@ def test_the_colors_of_a_bayer_pattern_are_restored(
     tmp_path: Path, pattern: str, bits: int
 ) -> None:
     raw = mosaic(pattern) if bits == 8 else to_16_bits(mosaic(pattern))
-    color = read_color(tmp_path / "a", raw, f"bayer_{pattern}{bits}")
+    color = read_color(tmp_path, raw, f"bayer_{pattern}{bits}")
     assert np.abs(color - known_image())[2:-2, 2:-2].max() <= 1
 
 
@@ -129,31 +135,21 @@ def test_the_colors_of_a_bayer_pattern_are_restored(
     [("uyvy", "UYVY"), ("yuv422", "UYVY"), ("yuyv", "YUYV"), ("yuv422_yuy2", "YUYV")],
 )
 def test_the_colors_of_yuv_are_restored(tmp_path: Path, encoding: str, order: str) -> None:
-    color = read_color(tmp_path / "a", yuv422(order), encoding)
+    color = read_color(tmp_path, yuv422(order), encoding)
     assert np.abs(color - known_image()).max() <= 4
 
 
-def test_yuv_of_an_odd_width_is_refused(tmp_path: Path) -> None:
-    def fill(bag: BagWriter, k: int) -> None:
-        t, odd = stamp_ns(k), yuv422("UYVY")[:, 1:]
-        bag.write(INFO_TOPIC, INFO, t, bag.maker.info(t))
-        bag.write(COLOR_TOPIC, IMAGE, t, bag.maker.image(t, odd, "uyvy"))
-        bag.write(DEPTH_TOPIC, IMAGE, t, bag.maker.image(t, depth_mm(k), "16UC1"))
-
-    assert "63x48 pixels are no uyvy; remove the message" in complaint(
-        make_bag(tmp_path / "a", fill)
-    )
-
-
-def test_depth_in_the_place_of_color_is_refused(tmp_path: Path) -> None:
-    def fill(bag: BagWriter, k: int) -> None:
-        t = stamp_ns(k)
-        bag.write(INFO_TOPIC, INFO, t, bag.maker.info(t))
-        bag.write(COLOR_TOPIC, IMAGE, t, bag.maker.image(t, depth_mm(k), "16UC1"))
-        bag.write(DEPTH_TOPIC, IMAGE, t, bag.maker.image(t, depth_mm(k), "16UC1"))
-
-    message = complaint(make_bag(tmp_path / "a", fill))
-    assert "encoding 16UC1 is not color; use one of bgr8, " in message
+@pytest.mark.parametrize(
+    ("image", "encoding", "expected"),
+    [
+        (yuv422("UYVY")[:, 1:], "uyvy", "63x48 pixels are no uyvy; remove the message"),
+        (depth_mm(0), "16UC1", "encoding 16UC1 is not color; use one of bgr8, "),
+    ],
+)
+def test_images_that_are_no_color_are_refused(
+    tmp_path: Path, image: NDArray[Any], encoding: str, expected: str
+) -> None:
+    assert expected in complaint(make_bag(tmp_path / "a", color_filler(image, encoding)))
 
 
 def test_compressed_messages_may_hold_other_files_than_png_and_jpeg(tmp_path: Path) -> None:
@@ -174,25 +170,18 @@ def test_compressed_messages_may_hold_other_files_than_png_and_jpeg(tmp_path: Pa
     recording.close()
 
 
-def read_small_depth(path: Path, depth: NDArray[np.uint16]) -> tuple[RgbdFrame, str]:
-    """Read a frame whose registered depth is smaller than its color, and the summary."""
-
-    def fill(bag: BagWriter, k: int) -> None:
-        write_color(bag, k)
-        t, size = stamp_ns(k), (depth.shape[1], depth.shape[0])
-        info = bag.maker.info(t, focal_px=60.0 * size[0] / WIDTH, size=size)
-        bag.write(DEPTH_TOPIC.replace("image_raw", "camera_info"), INFO, t, info)
-        bag.write(DEPTH_TOPIC, IMAGE, t, bag.maker.image(t, depth, "16UC1"))
-
-    with RecordingCamera(make_bag(path, fill, count=1)) as camera:
-        return next(iter(camera)), camera.recording.summary
-
-
 def test_enlarged_depth_is_not_shifted(tmp_path: Path) -> None:
     v, u = np.mgrid[:HEIGHT, :WIDTH]
     plane = 1000 + 10 * u + 20 * v
     binned = plane.reshape(HEIGHT // 2, 2, WIDTH // 2, 2).mean(axis=(1, 3)).astype(np.uint16)
-    frame, _ = read_small_depth(tmp_path / "a", binned)
-    error = frame.depth_raw - plane
+
+    def fill(bag: BagWriter, k: int) -> None:
+        write_color(bag, k)
+        t, size = stamp_ns(k), (WIDTH // 2, HEIGHT // 2)
+        info = bag.maker.info(t, focal_px=30.0, size=size)
+        bag.write(DEPTH_TOPIC.replace("image_raw", "camera_info"), INFO, t, info)
+        bag.write(DEPTH_TOPIC, IMAGE, t, bag.maker.image(t, binned, "16UC1"))
+
+    error = first_frame(tmp_path, fill).depth_raw - plane
     assert error.mean() == 0  # a shift by a column would be 10
     assert np.abs(error).max() == 15

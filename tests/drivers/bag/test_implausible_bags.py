@@ -1,6 +1,7 @@
 """Bags whose camera_info or depth cannot be right are refused, with the topic and what to do."""
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,18 +18,15 @@ from tests.drivers.bag.bag_maker import (
     INFO,
     SIZE,
     BagWriter,
-    color_image,
-    open_writer,
     stamp_ns,
 )
 from tests.drivers.bag.test_bag import (
-    COLOR_TOPIC,
     DEPTH_TOPIC,
     INFO_TOPIC,
-    KINDS,
     complaint,
     make_bag,
     write_color,
+    write_frame,
 )
 from tests.drivers.conftest import CAMERA
 from vo_service.tools.convert import OutputFormat, convert
@@ -38,12 +36,8 @@ DEPTH_CAMERA = DepthCameraCalibration(66.0, 66.0, 31.5, 23.5, BESIDE, width=64, 
 OWN_TOPIC, OWN_INFO_TOPIC = "/camera/depth/image_raw", "/camera/depth/camera_info"
 
 
-def make_depth_bag(path: Path, depth: Any, encoding: str, kind: str = "mcap") -> Path:
-    def fill(bag: BagWriter, k: int) -> None:
-        write_color(bag, k)
-        bag.write(DEPTH_TOPIC, IMAGE, stamp_ns(k), bag.maker.image(stamp_ns(k), depth, encoding))
-
-    return make_bag(path, fill, kind)
+def make_depth_bag(path: Path, depth: Any, encoding: str) -> Path:
+    return make_bag(path, partial(write_frame, depth=depth, encoding=encoding))
 
 
 def make_own_depth_bag(path: Path, frame: str, focal_px: float) -> Path:
@@ -59,52 +53,46 @@ def make_own_depth_bag(path: Path, frame: str, focal_px: float) -> Path:
 
 
 def test_a_focal_length_in_millimeters_is_refused_with_its_topic(tmp_path: Path) -> None:
-    with open_writer(tmp_path / "a", "mcap") as bag:
-        t = stamp_ns(0)
-        bag.write(INFO_TOPIC, INFO, t, bag.maker.info(t, focal_px=3.6))
-        bag.write(COLOR_TOPIC, IMAGE, t, bag.maker.image(t, color_image(0), "bgr8"))
-        depth = np.full(SIZE[::-1], 1000, np.uint16)
-        bag.write(DEPTH_TOPIC, IMAGE, t, bag.maker.image(t, depth, "16UC1"))
-    text = complaint(tmp_path / "a")
+    K_mm = np.array([3.6, 0, 31.5, 0, 3.6, 23.5, 0, 0, 1.0])
+    text = complaint(make_bag(tmp_path / "a", partial(write_frame, info={"k": K_mm})))
     assert text.startswith(f"BAG: {INFO_TOPIC}: fx = 3.6 pixels is a field of view of")
     assert "about 52" in text
     assert text.endswith("--camera-file FILE replaces the topic")
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_floats_in_millimeters_are_refused(tmp_path: Path, kind: str) -> None:
+def test_floats_in_millimeters_are_refused(tmp_path: Path) -> None:
     depth = np.full(SIZE[::-1], 1900.0, np.float32)
     depth[:4] = np.nan
-    text = complaint(make_depth_bag(tmp_path / "a.bag", depth, "32FC1", kind))
+    text = complaint(make_depth_bag(tmp_path / "a", depth, "32FC1"))
     assert DEPTH_TOPIC in text
     assert "32FC1 is depth in meters, but the median is 1900; write millimeters as 16UC1" in text
     assert "1.9 m" in text
 
 
-def test_floats_in_meters_have_no_unit_to_doubt(tmp_path: Path) -> None:
-    depth = np.full(SIZE[::-1], 0.3, np.float32)  # near for the factor 5000 of the conversion
-    with RecordingCamera(make_depth_bag(tmp_path / "a", depth, "32FC1")) as camera:
+def depth_warning(path: Path, depth: Any, encoding: str) -> str:
+    """The warning about the first frame of a bag."""
+    with RecordingCamera(make_depth_bag(path, depth, encoding)) as camera:
         check = PlausibilityCheck(camera)
         check.add(next(iter(camera)))
-    assert check.warning == ""
+    return check.warning
+
+
+def test_floats_in_meters_have_no_unit_to_doubt(tmp_path: Path) -> None:
+    depth = np.full(SIZE[::-1], 0.3, np.float32)  # near for the factor 5000 of the conversion
+    assert depth_warning(tmp_path / "a", depth, "32FC1") == ""
 
 
 def test_depth_in_another_unit_is_named_with_its_topic(tmp_path: Path) -> None:
-    depth = np.full(SIZE[::-1], 9000, np.uint16)
-    with RecordingCamera(make_depth_bag(tmp_path / "a", depth, "16UC1")) as camera:
-        check = PlausibilityCheck(camera)
-        check.add(next(iter(camera)))
-    assert f"depth_factor = 1000 ({DEPTH_TOPIC}) gives a median depth of 9 m" in check.warning
-    assert "depth_factor = 5000 in a camera file would give 1.8 m" in check.warning
+    warning = depth_warning(tmp_path / "a", np.full(SIZE[::-1], 9000, np.uint16), "16UC1")
+    assert f"depth_factor = 1000 ({DEPTH_TOPIC}) gives a median depth of 9 m" in warning
+    assert "depth_factor = 5000 in a camera file would give 1.8 m" in warning
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_65535_is_no_reading_and_conversions_keep_it(tmp_path: Path, kind: str) -> None:
+def test_65535_is_no_reading_and_conversions_keep_it(tmp_path: Path) -> None:
     depth = np.full(SIZE[::-1], 1500, np.uint16)
     depth[:10] = 65535
-    bag, folder = make_depth_bag(tmp_path / "a.bag", depth, "16UC1", kind), tmp_path / "folder"
-    recording = open_recording(bag)
-    convert(recording, folder, OutputFormat.FOLDER, lambda count: None)
+    bag, folder = make_depth_bag(tmp_path / "a", depth, "16UC1"), tmp_path / "folder"
+    convert(open_recording(bag), folder, OutputFormat.FOLDER, lambda count: None)
     np.testing.assert_array_equal(open_recording(folder).frames.pairs[0].depth.read_depth(), depth)
     for path in (bag, folder):
         with RecordingCamera(path) as camera:

@@ -100,12 +100,12 @@ def test_the_status_is_that_of_the_camera(
         ("hang in close", "closing the camera"),
     ],
 )
-def test_a_hanging_driver_is_killed_and_restarted(
+def test_a_hanging_driver_is_killed_without_a_grace_period_and_restarted(
     make_subprocess_camera: MakeSubprocessCamera, script: Path, words: str, doing: str
 ) -> None:
-    with make_subprocess_camera(
-        SingleFrameCamera if "read" not in words else FileScriptedCamera, limits=SHORT
-    ) as camera:
+    kind = SingleFrameCamera if "read" not in words else FileScriptedCamera
+    limits = SHORT if "close" in words else replace(SHORT, closing_s=3600.0)
+    with make_subprocess_camera(kind, limits=limits) as camera:
         first = camera.read(100.0)
         script.write_text(words)
         found = wait_for_reason(camera, f"the driver hung while {doing}: no answer for 1 s")
@@ -139,16 +139,6 @@ def test_a_dead_driver_is_restarted(
         frames(camera, 1)
         script.write_text(words)
         assert wait_for_reason(camera, reason) == CameraStatus(CameraState.LOST, reason)
-        assert_works_again(camera, script)
-
-
-def test_a_hanging_driver_is_killed_without_a_grace_period(
-    make_subprocess_camera: MakeSubprocessCamera, script: Path
-) -> None:
-    with make_subprocess_camera(limits=replace(SHORT, closing_s=3600.0)) as camera:
-        frames(camera, 1)
-        script.write_text("hang in read")
-        wait_for_reason(camera, "hung while reading frames")
         assert_works_again(camera, script)
 
 

@@ -19,8 +19,7 @@ def write_fakenect_dump(
     rate_hz: float = 30.0,
     start_ticks: int = 0,
     color_offset_s: float = 0.0,
-    acceleration: tuple[int, int, int] = LEVEL,
-) -> int:
+) -> None:
     """Write frames, each with an accelerometer reading before it.
 
     Args:
@@ -30,19 +29,14 @@ def write_fakenect_dump(
         rate_hz: Frames per second; the host times in the file names set the playback speed.
         start_ticks: First value of the camera's 60 MHz clock, 32 bits.
         color_offset_s: How much later than depth a color frame is.
-        acceleration: Counts of the accelerometer.
-
-    Returns:
-        The number of frames.
     """
     folder.mkdir(parents=True, exist_ok=True)
     names: list[str] = []
-    count = 0
-    for count, (bgr, depth) in enumerate(frames, start=1):
-        depth_s = (count - 1) / rate_hz
+    for number, (bgr, depth) in enumerate(frames):
+        depth_s = number / rate_hz
         color_s = depth_s + color_offset_s
         files = {
-            _name("a", depth_s, start_ticks, "dump"): struct.pack(_TILT_STATE, *acceleration, 0, 0),
+            _name("a", depth_s, start_ticks, "dump"): struct.pack(_TILT_STATE, *LEVEL, 0, 0),
             _name("d", depth_s, start_ticks, "pgm"): _pnm_bytes("P5", 65535, depth.astype("<u2")),
             _name("r", color_s, start_ticks, "ppm"): _pnm_bytes("P6", 255, bgr[:, :, ::-1]),
         }
@@ -50,7 +44,6 @@ def write_fakenect_dump(
             (folder / name).write_bytes(data)
         names += files
     (folder / INDEX).write_text("".join(f"{name}\n" for name in sorted(names, key=_host_time)))
-    return count
 
 
 def _name(kind: str, time_s: float, start_ticks: int, suffix: str) -> str:

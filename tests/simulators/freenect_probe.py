@@ -37,10 +37,6 @@ class _Mode(ctypes.Structure):
     )
 
 
-class _Attributes(ctypes.Structure):
-    _fields_ = (("next", c_void_p), ("serial", c_char_p))
-
-
 class _Time(ctypes.Structure):
     _fields_ = (("seconds", c_long), ("microseconds", c_long))
 
@@ -81,10 +77,8 @@ class FreenectProbe:
         on_depth: Called within libfreenect's callback of each depth frame.
     """
 
-    def __init__(
-        self, serial: str | None = None, subdevices: int = CAMERA, library: str = SONAME
-    ) -> None:
-        self.lib = ctypes.CDLL(library)
+    def __init__(self, subdevices: int = CAMERA) -> None:
+        self.lib = ctypes.CDLL(SONAME)
         self.lib.freenect_find_depth_mode.restype = _Mode
         self.lib.freenect_find_video_mode.restype = _Mode
         self.lib.freenect_set_depth_mode.argtypes = [c_void_p, _Mode]
@@ -96,9 +90,9 @@ class FreenectProbe:
         self.on_depth: Callable[[], object] = bool
         self._context, self.device = c_void_p(), c_void_p()
         self._callbacks: list[Any] = []  # C calls them: they must not be garbage collected
-        self._open(serial, subdevices)
+        self._open(subdevices)
 
-    def _open(self, serial: str | None, subdevices: int) -> None:
+    def _open(self, subdevices: int) -> None:
         lib, context = self.lib, self._context
         log = _LOG(lambda _, level, text: self.log.append(text.decode().strip()))
         self._callbacks.append(log)
@@ -108,23 +102,7 @@ class FreenectProbe:
         lib.freenect_select_subdevices(context, subdevices)
         self.device_count: int = lib.freenect_num_devices(context)
         device = ctypes.byref(self.device)
-        if serial is None:
-            self.open_result: int = lib.freenect_open_device(context, device, 0)
-        else:
-            by_serial = lib.freenect_open_device_by_camera_serial
-            self.open_result = by_serial(context, device, serial.encode())
-
-    def serials(self) -> list[str]:
-        """Serial numbers of all Kinects that may be opened."""
-        first = c_void_p()
-        self.lib.freenect_list_device_attributes(self._context, ctypes.byref(first))
-        serials, address = [], first.value
-        while address:
-            attributes = _Attributes.from_address(address)
-            serials.append(attributes.serial.decode())
-            address = attributes.next
-        self.lib.freenect_free_device_attributes(first)
-        return serials
+        self.open_result: int = lib.freenect_open_device(context, device, 0)
 
     def start(self, depth: int = DEPTH_RAW, video: int = VIDEO_RGB) -> tuple[int, int]:
         """Set the formats and start both streams; return the results of both starts."""

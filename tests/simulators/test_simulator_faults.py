@@ -7,7 +7,6 @@ import sys
 from pathlib import Path
 
 import pytest
-import usb.core
 
 from tests.simulators.fixtures import SimulateKinect
 from tests.simulators.freenect_probe import FreenectProbe
@@ -53,19 +52,6 @@ def test_on_a_full_speed_bus_the_streams_start_and_nothing_comes(
         probe.capture(1, limit_s=0.3)
         assert has_logged(probe, "Failed to submit isochronous transfer")
     assert probe.depth.stamps == probe.video.stamps == []
-
-
-@pytest.mark.subprocess
-def test_a_kernel_driver_is_detached_and_attached_again(simulate_kinect: SimulateKinect) -> None:
-    kinect = simulate_kinect()
-    kinect.attach_kernel_driver()
-    kinect.activate()
-    camera = usb.core.find(idProduct=0x02AE)
-    assert camera.is_kernel_driver_active(0)
-    with FreenectProbe() as probe:
-        assert probe.open_result == 0
-        assert not camera.is_kernel_driver_active(0)
-    assert camera.is_kernel_driver_active(0)
 
 
 def test_closing_without_stopping_is_detected(simulate_kinect: SimulateKinect) -> None:

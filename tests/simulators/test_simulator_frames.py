@@ -17,9 +17,8 @@ from tests.simulators.kinect_registration import RegistrationTable
 from tests.simulators.kinect_simulator import (
     FACTORY,
     IDENTITY,
-    simulator_environment,
 )
-from tests.simulators.raw_depth import NOMINAL, RawDepthScale, mm_to_raw, raw_to_mm
+from tests.simulators.raw_depth import NOMINAL, RawDepthScale, raw_to_mm
 from tests.simulators.usb_frames import write_usb_frames
 
 pytestmark = pytest.mark.usefixtures("real_libfreenect")
@@ -78,18 +77,3 @@ def test_a_factory_kinect_moves_a_wall_by_its_parallax(
     ray = (column - 319.5) / NOMINAL.focal_px
     expected = 319.5 + 525.0 * (ray - 24.0 * NOMINAL.focal_px / 525.0 / depth_mm)
     assert near.mean() == pytest.approx(expected, abs=1.0)
-
-
-def test_two_kinects_are_distinguished_by_their_serials(
-    simulate_kinect: SimulateKinect, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    other_frames = write_usb_frames(tmp_path, [pattern_frame(5)])
-    first, second = simulate_kinect(serial="A1"), simulate_kinect(other_frames, serial="B2")
-    first.activate()
-    monkeypatch.setenv("KINECT_SIMULATOR", simulator_environment(first, second)["KINECT_SIMULATOR"])
-    with FreenectProbe(serial="B2") as probe:
-        assert probe.serials() == ["A1", "B2"]
-        probe.start()
-        probe.capture(1)
-    assert np.array_equal(probe.depth.images[0], mm_to_raw(pattern_frame(5)[1]))
-    assert first.frames_sent == (0, 0)

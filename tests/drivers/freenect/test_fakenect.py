@@ -52,7 +52,7 @@ def test_a_dump_is_replayed_bit_for_bit_twice(
     assert frames["again"] == FRAMES
 
 
-@pytest.mark.parametrize("offset_s", [0.0, 0.009, -0.009])
+@pytest.mark.parametrize("offset_s", [0.009, -0.009])
 def test_stamps_are_the_recorded_ones_across_the_wrap(
     dump_frames: list[tuple[Any, Any]], offset_s: float, tmp_path: Path
 ) -> None:

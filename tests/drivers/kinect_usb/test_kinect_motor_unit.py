@@ -119,12 +119,12 @@ def test_closing_switches_the_led_off_and_leaks_nothing(
     assert motor_unit.gravity_m_s2 is None
 
 
-def test_two_hundred_openings_leak_nothing(plug_in: PlugIn, motor_unit: KinectMotorUnit) -> None:
+def test_many_openings_leak_nothing(plug_in: PlugIn, motor_unit: KinectMotorUnit) -> None:
     kinect = plug_in()
     motor_unit.open("")
     motor_unit.close()
     before = resources_in_use()
-    for _ in range(200):
+    for _ in range(40):
         motor_unit.open("")
         kinect.unplug()
         motor_unit.close()

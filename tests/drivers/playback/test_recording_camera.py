@@ -207,13 +207,12 @@ def test_nothing_is_printed_for_broken_images(
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.slow
 def test_redkitchen_is_500_frames(recordings: Path) -> None:
     with RecordingCamera(recordings / "redkitchen") as camera:
         assert camera.frame_count == 500
-        assert sum(1 for _ in islice(camera, 100)) == 100
+        assert sum(1 for _ in islice(camera, 10)) == 10
         assert camera.ground_truth is not None
-        assert camera.counters == CameraCounters(delivered=100)
+        assert camera.counters == CameraCounters(delivered=10)
 
 
 @pytest.mark.parametrize(

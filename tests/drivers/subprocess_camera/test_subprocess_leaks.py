@@ -33,10 +33,10 @@ def kill(process: int) -> None:
     wait_until(lambda: process not in child_pids())
 
 
-def test_200_unplugs_leak_nothing(make_subprocess_camera: MakeSubprocessCamera) -> None:
+def test_many_unplugs_leak_nothing(make_subprocess_camera: MakeSubprocessCamera) -> None:
     before = resources_in_use()
     with make_subprocess_camera(SingleFrameCamera, limits=LONG_TIMEOUTS, period_s=0.0) as camera:
-        plugged_in = [camera.read(100.0) for _ in range(200)]
+        plugged_in = [camera.read(100.0) for _ in range(40)]
     assert resources_in_use() <= before
     assert len({frame.lost_packets for frame in plugged_in}) == 1
     assert plugged_in[-1].device_stamp_s == plugged_in[1].device_stamp_s  # files open over there

@@ -144,7 +144,7 @@ import sys
 from drivers.core.process.record_ring import RecordRingMemory, RecordRingReader
 
 reader = RecordRingReader(RecordRingMemory(*map(int, sys.argv[1:])))
-print(min(reader.record_count for _ in range(5_000_000)))
+print(min(reader.record_count for _ in range(2_000_000)))
 """
 
 

@@ -56,7 +56,7 @@ def units(depth_m: Array, factor: float = 1000.0) -> NDArray[np.uint16]:
     return np.rint(depth_m * factor).astype(np.uint16)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(
     depth=arrays(
         np.uint16,
@@ -73,7 +73,6 @@ def test_a_depth_camera_that_is_the_color_camera_changes_nothing(depth: NDArray[
 small = st.floats(-1.0, 1.0)
 
 
-@settings(max_examples=40, deadline=None)
 @given(
     offset=st.tuples(small, small, small),
     turn=st.tuples(small, small, small),

@@ -50,9 +50,7 @@ def test_recording_of_a_killed_recorder(tmp_path: Path) -> None:
     assert "is unfinished" in complaint(path)
 
 
-@settings(
-    max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(share=st.floats(0.0, 0.999))
 def test_truncated_anywhere(share: float, small_oni: Path, tmp_path: Path) -> None:
     content = small_oni.read_bytes()
@@ -61,9 +59,7 @@ def test_truncated_anywhere(share: float, small_oni: Path, tmp_path: Path) -> No
     assert str(path) in complaint(path)
 
 
-@settings(
-    max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(at=st.integers(0, 1500), value=st.integers(0, 255))
 def test_a_flipped_byte_is_read_or_refused(
     at: int, value: int, small_oni: Path, tmp_path: Path

@@ -45,9 +45,7 @@ def test_frames_are_those_of_the_folder_bit_for_bit(corner_oni: Path, in_millime
 turns = st.lists(st.tuples(st.sampled_from(OniSensor), st.integers(1_000, 40_000)), max_size=24)
 
 
-@settings(
-    max_examples=6, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=6, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(turns=turns)
 def test_every_image_is_played_in_any_order_of_the_file(
     turns: list[tuple[OniSensor, int]], tmp_path: Path, camera_file: Path

@@ -6,30 +6,25 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from drivers.ros_messages import decoding
 from drivers.ros_messages import sensors as ros
 from drivers.ros_messages.cdr import CDR_HEADER, split_stamp
-from tests.drivers.ros_messages.rosbags_reader import read_with_rosbags
+from tests.drivers.ros_messages.rosbags_reader import (
+    check_header,
+    frame_ids,
+    read_with_rosbags,
+    stamps,
+)
 
-frame_ids = st.text(st.characters(codec="utf-8", exclude_characters="\x00"), max_size=30)
-stamps = st.floats(0.0, 2.0**31 - 1)
 sizes = st.tuples(st.integers(1, 9), st.integers(1, 9))
 numbers = st.floats(-1e6, 1e6, width=32)
-quick = settings(max_examples=40, deadline=None)
-
-
-def check_header(read: Any, stamp_s: float, frame_id: str) -> None:
-    """Compare the header that rosbags has read."""
-    stamp = read.header.stamp.sec, read.header.stamp.nanosec
-    assert (*stamp, read.header.frame_id) == (*split_stamp(stamp_s), frame_id)
 
 
 @given(stamps, frame_ids, st.data(), sizes)
-@quick
 def test_a_color_image(stamp_s: float, frame_id: str, data: st.DataObject, size: Any) -> None:
     pixels = data.draw(arrays(np.uint8, (*size, 3)))
     message = ros.RawImageMessage(stamp_s, frame_id, "bgr8", pixels)
@@ -46,7 +41,6 @@ def test_a_color_image(stamp_s: float, frame_id: str, data: st.DataObject, size:
 
 
 @given(stamps, frame_ids, st.data(), sizes)
-@quick
 def test_a_depth_image(stamp_s: float, frame_id: str, data: st.DataObject, size: Any) -> None:
     pixels = data.draw(arrays(np.uint16, size))
     message = ros.RawImageMessage(stamp_s, frame_id, "16UC1", pixels)
@@ -58,7 +52,6 @@ def test_a_depth_image(stamp_s: float, frame_id: str, data: st.DataObject, size:
 
 
 @given(stamps, frame_ids, st.binary(max_size=50))
-@quick
 def test_a_compressed_image(stamp_s: float, frame_id: str, data: bytes) -> None:
     text = "bgr8; jpeg compressed bgr8"
     message = ros.CompressedImageMessage(stamp_s, frame_id, text, data)
@@ -70,7 +63,6 @@ def test_a_compressed_image(stamp_s: float, frame_id: str, data: bytes) -> None:
 
 
 @given(stamps, frame_ids, sizes, arrays(np.float64, (3, 3), elements=numbers))
-@quick
 def test_camera_info(stamp_s: float, frame_id: str, size: Any, K: Any) -> None:
     message = ros.CameraInfoMessage(stamp_s, frame_id, size[0], size[1], K)
     encoded = ros.encode_camera_info(message)
@@ -88,7 +80,6 @@ def test_camera_info(stamp_s: float, frame_id: str, size: Any, K: Any) -> None:
 
 
 @given(stamps, frame_ids, st.integers(0, 20), st.data())
-@quick
 def test_a_point_cloud(stamp_s: float, frame_id: str, count: int, data: st.DataObject) -> None:
     xyz_m = data.draw(arrays(np.float32, (count, 3), elements=numbers))
     bgr = data.draw(arrays(np.uint8, (count, 3)))
@@ -110,7 +101,6 @@ def test_a_point_cloud(stamp_s: float, frame_id: str, count: int, data: st.DataO
 
 
 @given(stamps, frame_ids, arrays(np.float64, 3, elements=numbers))
-@quick
 def test_an_acceleration(stamp_s: float, frame_id: str, acceleration: Any) -> None:
     encoded = ros.encode_imu(ros.ImuMessage(stamp_s, frame_id, acceleration))
     imu = read_with_rosbags(encoded, ros.IMU_SCHEMA)
@@ -133,7 +123,6 @@ DECODERS = (
 
 @pytest.mark.parametrize("decode", DECODERS)
 @given(st.binary(max_size=200))
-@quick
 def test_any_bytes_give_a_message_or_a_value_error(
     decode: Callable[[bytes], object], body: bytes
 ) -> None:

@@ -41,7 +41,7 @@ def test_a_wall_seen_straight_on_has_one_depth() -> None:
 
 
 @given(ANGLES, ANGLES, ANGLES, st.floats(-1, 1), st.floats(-1, 1))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_a_room_has_the_depth_of_its_nearest_plane_ahead(
     a: float, b: float, c: float, x: float, y: float
 ) -> None:
@@ -100,7 +100,7 @@ def pose() -> Array:
 
 
 @given(ANGLES, ANGLES, ANGLES, st.integers(0, 5))
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 def test_testing_only_candidates_changes_nothing(a: float, b: float, c: float, s: int) -> None:
     """Compare culling by tile, with a different pose for every row, with testing every solid."""
     solids = build_room(s, np.array([[0.0, 0.0, 1.5]]), bare_wall=False, twin_corners=False)

@@ -231,13 +231,6 @@ def test_commands_fail_without_a_device(plug_in: PlugIn, motor_unit: KinectMotor
             command()
 
 
-def test_the_tilt_can_be_read(plug_in: PlugIn, motor_unit: KinectMotorUnit) -> None:
-    plug_in(model=KinectModel.K4W).tilt_deg_per_s = 1000
-    motor_unit.open("")
-    motor_unit.set_tilt_deg(-12.0)
-    wait_until(lambda: motor_unit.read().tilt_deg == -12.0)
-
-
 def test_without_libusb_there_is_no_motor_unit(caplog: pytest.LogCaptureFixture) -> None:
     def no_libusb(serial: str) -> None:
         raise UserFacingError("libusb-1.0.so.0 is not installed")

@@ -1,11 +1,9 @@
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera
 from drivers.core.geometry import inverse, transform_points
@@ -101,25 +99,6 @@ def test_the_kinect_s_depth_has_shadows_borders_and_steps(shared_renderer: Shoot
     assert len(np.unique(depth)) < 900
     assert depth.max() <= 5000
     assert depth[~holes].min() >= 500
-
-
-def test_a_bare_wall_has_neither_texture_nor_furniture(
-    shared_renderer: Shoot, tmp_path: Path
-) -> None:
-    """A stationary camera 1.5 m before the wall at +y, facing it."""
-    level = "0.70710678 0 0 -0.70710678"
-    track = tmp_path / "still.txt"
-    track.write_text("".join(f"{t} 0 0 1.9 {level}\n" for t in range(3)))
-    still = replace(IDEAL, track=track)
-    bare, papered = make_renderer(replace(still, bare_wall=True), 2), shared_renderer(still)
-    assert corners(bare.render(0).color_bgr[18:80]) == 0
-    assert corners(papered.render(0).color_bgr[18:80]) > 10
-
-
-def corners(picture: NDArray[np.uint8]) -> int:
-    everywhere = np.full(picture.shape[:2], 1, np.uint8)
-    found = cv2.FastFeatureDetector.create(12).detect(picture, everywhere)
-    return len(found)
 
 
 def test_standing_still_shows_the_same_scene(shared_renderer: Shoot) -> None:

@@ -132,7 +132,7 @@ def test_a_reader_beside_a_fast_writer_never_reads_a_partial_record() -> None:
         thread.start()
         try:
             wait_until(lambda: reader.record_count > 0)
-            seen = sum(len(held(reader, last=3)) for _ in range(2000))
+            seen = sum(len(held(reader, last=3)) for _ in range(500))
         finally:
             stop.set()
             thread.join()

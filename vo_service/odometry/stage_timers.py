@@ -41,11 +41,11 @@ class CpuStageTimer:
 STAGE_BUDGETS_MS: Mapping[str, Mapping[str, float]] = {
     "direct": {
         "images": 0.5,
-        "align": 4.2,
+        "align": 3.9,
         "recovery": 1.0,
         "covariance": 1.0,
         "refine": 0.5,
-        "keyframe": 0.5,
+        "keyframe": 0.8,
         "calibration": 0.5,
     }
 }

@@ -41,12 +41,12 @@ class CpuStageTimer:
 STAGE_BUDGETS_MS: Mapping[str, Mapping[str, float]] = {
     "direct": {
         "images": 0.5,
-        "align": 3.9,
+        "align": 3.7,
         "recovery": 1.0,
         "covariance": 1.0,
         "refine": 0.5,
         "keyframe": 0.8,
-        "calibration": 0.5,
+        "calibration": 0.7,
     }
 }
 

@@ -64,10 +64,14 @@ class ExtraOutputsConfig:
 
     def __post_init__(self) -> None:
         for output in self.extra:
-            kind = output.partition(":")[0]
+            kind, _, argument = output.partition(":")
             if kind not in OUTPUTS:
                 hint = suggest_choice(kind, OUTPUTS)
                 raise FieldError(("extra",), f"output {output!r} is unknown; {hint}")
+            if kind == "trajectory" and not argument:
+                raise FieldError(
+                    ("extra",), f"output {output!r} names no file; use trajectory:FILE"
+                )
 
 
 @dataclass(frozen=True)

@@ -148,6 +148,11 @@ def test_a_camera_ahead_of_the_base_keeps_the_default_axes(tmp_path: Path) -> No
         ("odometry", 'timing = "learnt"', "key `odometry.timing`: 'learnt' is unknown; did you"),
         ("odometry", 'profile = "smal"', "key `odometry.profile`: 'smal' is unknown; did you"),
         ("outputs", 'extra = ["file:x"]', "key `outputs.extra`: output 'file:x' is unknown; "),
+        (
+            "outputs",
+            'extra = ["trajectory:"]',
+            "key `outputs.extra`: output 'trajectory:' names no file; use",
+        ),
         ("camera", "stamp_offset_s = 60", "key `camera.stamp_offset_s`: 60 is out of range"),
         ("odometry", "feature_count = 49", "key `odometry.feature_count`: 49 is out of range"),
         (

@@ -39,7 +39,7 @@ from vo_service.outputs.zenoh.session_endpoints import (
     Subscribe,
     subscribe_to_nothing,
 )
-from vo_service.service import OdometryMethod, Service, ServiceInput
+from vo_service.service import OdometryMethod, Service, ServiceInput, ServiceOutputs
 from vo_service.service_statistics import ServiceStatistics
 from vo_service.signals import StopSignal
 from vo_service.terminal import set_log_level
@@ -393,10 +393,9 @@ def run_replay(
         OdometryMethod(config.odometry.method, odometry, timer, deferred),
         odom_frame,
         Control(odom_frame, camera),
-        outputs,
-        warning_sources=(wheel_odometry,),
-        loop_closure=loop_closure,
-        add_scan=add_scan,
+        ServiceOutputs(outputs, warning_sources=(wheel_odometry,)),
+        loop_closure,
+        add_scan,
     )
     release_memory()  # all kernels are loaded
     service.run(stop.event)
@@ -461,9 +460,11 @@ def build_live_service(
         OdometryMethod(config.odometry.method, mapper.loop_closure.wrap(odometry), timer, deferred),
         odom_frame,
         Control(odom_frame, camera, dependencies.command_queue, opened.recorder, mapper),
-        [*opened.outputs, *dependencies.more_outputs],
-        load_shedder,
-        (*dependencies.warning_sources, dependencies.wheel_odometry),
+        ServiceOutputs(
+            [*opened.outputs, *dependencies.more_outputs],
+            load_shedder,
+            (*dependencies.warning_sources, dependencies.wheel_odometry),
+        ),
         mapper.loop_closure,
         dependencies.add_scan,
     )

@@ -59,6 +59,21 @@ class OdometryMethod:
     deferred: DeferredWork = field(default_factory=DeferredWork)
 
 
+@dataclass(frozen=True)
+class ServiceOutputs:
+    """What takes the updates and the status.
+
+    Attributes:
+        outputs: Take both.
+        load_shedder: Pauses the viewers if the machine is too slow; without viewers in a replay.
+        warning_sources: Whose warnings, beside those of the outputs, are in the status.
+    """
+
+    outputs: Sequence[Output]
+    load_shedder: LoadShedder = field(default_factory=lambda: LoadShedder(()))
+    warning_sources: Sequence[HasWarning] = ()
+
+
 class Service:
     """The real-time loop: moves frames from a camera through an odometry to the outputs.
 
@@ -72,9 +87,7 @@ class Service:
         method: OdometryMethod,
         odom_frame: OdomFrame,
         control: Control,
-        outputs: Sequence[Output],
-        load_shedder: LoadShedder | None = None,
-        warning_sources: Sequence[HasWarning] = (),
+        outputs: ServiceOutputs,
         loop_closure: LoopClosure = NullLoopClosure(),  # noqa: B008 (it has no state)
         add_scan: AddScan = add_no_scan,
     ) -> None:
@@ -82,8 +95,6 @@ class Service:
 
         Args:
             outputs: Take updates and the status.
-            load_shedder: Pauses the viewers if the machine is too slow; None for a replay.
-            warning_sources: Whose warnings, beside those of the outputs, are in the status.
             loop_closure: Corrects the transform from map to odom.
             add_scan: Adds the scan to the updates.
         """
@@ -94,18 +105,18 @@ class Service:
         self._stage_timer = method.stage_timer
         self._deferred = method.deferred
         self._odom_frame = odom_frame
-        self._outputs = outputs
+        self._outputs = outputs.outputs
         self._control = control
-        self._load_shedder = load_shedder or LoadShedder(())
+        self._load_shedder = outputs.load_shedder
         self._loop_closure = loop_closure
         self._add_scan = add_scan
         self._plausibility = PlausibilityCheck(self._camera)
         self._warning_sources: Sequence[HasWarning] = (
-            *outputs,
+            *outputs.outputs,
             self._load_shedder,
             self._plausibility,
             odom_frame.leveling,
-            *warning_sources,
+            *outputs.warning_sources,
         )
         self._timestamp_filter = TimestampFilter()
         self._last: OdometryUpdate | None = None

@@ -14,7 +14,7 @@ from vo_service.control import CommandQueue, Control
 from vo_service.frame_source import FrameSource, PublishClock, RecordedClock
 from vo_service.odom_frame import OdomFrame
 from vo_service.odometry.stage_timers import CpuStageTimer
-from vo_service.service import OdometryMethod, Service, ServiceInput
+from vo_service.service import OdometryMethod, Service, ServiceInput, ServiceOutputs
 from vo_service.types.estimate import Estimate
 from vo_service.types.odometry import DeferredWork
 from vo_service.types.outputs import LoopClosure, NullLoopClosure, Output
@@ -43,7 +43,7 @@ def make_service(
         ),
         tracker,
         Control(tracker, camera, inbox),
-        outputs,
+        ServiceOutputs(outputs),
         loop_closure=loops or NullLoopClosure(),
     )
 

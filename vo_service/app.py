@@ -385,12 +385,11 @@ def run_replay(
         wheel_odometry: The motion of the base by its wheels.
         add_scan: Adds the scan to the updates.
     """
-    timer, deferred = CpuStageTimer(), DeferredWork()
+    method = _make_method(config)
     odom_frame = OdomFrame(config.T_base_camera.T_base_camera, config.base.planar, wheel_odometry)
-    odometry = loop_closure.wrap(config.odometry.make_odometry(timer, deferred))
     service = Service(
         _make_input(config, camera, frame_source),
-        OdometryMethod(config.odometry.method, odometry, timer, deferred),
+        replace(method, odometry=loop_closure.wrap(method.odometry)),
         odom_frame,
         Control(odom_frame, camera),
         ServiceOutputs(outputs, warning_sources=(wheel_odometry,)),
@@ -400,6 +399,12 @@ def run_replay(
     release_memory()  # all kernels are loaded
     service.run(stop.event)
     return RunResult(service.statistics, stop.exit_code)
+
+
+def _make_method(config: Config) -> OdometryMethod:
+    timer, deferred = CpuStageTimer(), DeferredWork()
+    odometry = config.odometry.make_odometry(timer, deferred)
+    return OdometryMethod(config.odometry.method, odometry, timer, deferred)
 
 
 def _make_input(config: Config, camera: RgbdCamera, frame_source: FrameSource) -> ServiceInput:
@@ -446,8 +451,7 @@ def build_live_service(
         The loop, and the functions that apply a changed configuration on its thread.
     """
     camera = make_reconnecting(camera)
-    timer, deferred = CpuStageTimer(), DeferredWork()
-    odometry = config.odometry.make_odometry(timer, deferred)
+    method = _make_method(config)
     odom_frame = OdomFrame(
         config.T_base_camera.T_base_camera, config.base.planar, dependencies.wheel_odometry
     )
@@ -457,7 +461,7 @@ def build_live_service(
     frame_source = LiveSource(camera, dependencies.sensor_memory.apply)
     service = Service(
         _make_input(config, camera, frame_source),
-        OdometryMethod(config.odometry.method, mapper.loop_closure.wrap(odometry), timer, deferred),
+        replace(method, odometry=mapper.loop_closure.wrap(method.odometry)),
         odom_frame,
         Control(odom_frame, camera, dependencies.command_queue, opened.recorder, mapper),
         ServiceOutputs(
@@ -468,7 +472,7 @@ def build_live_service(
         mapper.loop_closure,
         dependencies.add_scan,
     )
-    return service, make_config_handlers(camera, odometry, load_shedder, dependencies)
+    return service, make_config_handlers(camera, method.odometry, load_shedder, dependencies)
 
 
 def make_config_handlers(

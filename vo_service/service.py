@@ -56,7 +56,7 @@ class OdometryMethod:
     name: str
     odometry: Odometry
     stage_timer: CpuStageTimer
-    deferred: DeferredWork = field(default_factory=DeferredWork)
+    deferred: DeferredWork
 
 
 @dataclass(frozen=True)

@@ -1,23 +1,26 @@
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from drivers.camera import PinholeCamera
+from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import inverse, transform_points
-from drivers.plausibility import find_unit_fault
+from drivers.plausibility import PlausibilityCheck
 from drivers.synthetic.config import ColorSensorModel, MotionKind, ShutterTiming, SyntheticConfig
 from drivers.synthetic.motions import make_motion
 from drivers.synthetic.renderer import Renderer, make_renderer
 from drivers.synthetic.room import ROOM_HEIGHT_M
 from tests.drivers.synthetic.conftest import FAULTY, IDEAL
+from vo_service.config import read_config
 
 pytestmark = pytest.mark.slow
 
 FREIBURG1 = (0.2624, -0.9531, -0.0054, 0.0026, 1.1633)
 Shoot = Callable[[SyntheticConfig], Renderer]
+SEQUENCES = sorted((Path(__file__).parents[3] / "config/sequences").glob("*.toml"))
 LARGER = PinholeCamera(320, 240, 262.5, 262.5, 159.5, 119.5)
 
 
@@ -147,12 +150,21 @@ def test_the_camera_stays_clear_of_the_furniture(seed: int) -> None:
     assert min(renderer.render(i).depth_raw.min() for i in range(5)) > 0.2 * 5000
 
 
+class VirtualOrigin:
+    """What the plausibility check asks a camera for."""
+
+    name = intrinsics_source = depth_unit_source = "synthetic"
+
+
 @pytest.mark.usefixtures("unpainted")
-@pytest.mark.parametrize("motion", [kind for kind in MotionKind if kind != MotionKind.DRIVEN])
-def test_the_unit_of_depth_is_plausible_on_every_motion(motion: MotionKind) -> None:
-    bare_wall = motion in (MotionKind.WALL, MotionKind.WALL_DRIVE)
-    config = replace(SyntheticConfig.fast(), motion=motion, bare_wall=bare_wall, duration_s=20.0)
-    renderer = make_renderer(replace(config, rate_hz=0.1), 2)
-    for index in range(2):
-        histogram = np.bincount(renderer.render(index).depth_raw.ravel(), minlength=1 << 16)
-        assert find_unit_fault(histogram, config.depth_factor) == ""
+@pytest.mark.parametrize("file", SEQUENCES, ids=lambda file: file.stem)
+def test_the_depth_of_every_sequence_is_plausible(file: Path) -> None:
+    whole = read_config(file).synthetic
+    config = replace(whole, rate_hz=2.1 / whole.duration_s)
+    renderer, check = make_renderer(config, 2), PlausibilityCheck(VirtualOrigin())
+    for index in range(config.frame_count):
+        images = renderer.render(index)
+        pixels = images.color_bgr, images.depth_raw
+        check.examine(RgbdFrame(index, 0.0, 0.0, *pixels, config.depth_factor, config.camera))
+    assert config.frame_count >= 2
+    assert check.warning == ""

@@ -276,11 +276,11 @@ def _linearize(
 
 def is_replaceable(tracked: TrackedFrame, local_map: LocalMap) -> bool:
     """Whether the keyframe of a frame can be replaced, by this frame or by another keyframe."""
-    return _is_in_sight(tracked) or _find_near(tracked, local_map) is not None
+    return _can_be_keyframe(tracked) or _find_near(tracked, local_map) is not None
 
 
-def _is_in_sight(tracked: TrackedFrame) -> bool:
-    """Whether enough of a frame's view is not occluded, so that the frame can be a keyframe."""
+def _can_be_keyframe(tracked: TrackedFrame) -> bool:
+    """Whether enough of a frame's view is not occluded."""
     return occluded_fraction(tracked.result.alignment) <= MAX_OCCLUDED_SHARE
 
 
@@ -300,7 +300,7 @@ def select(tracked: TrackedFrame, local_map: LocalMap) -> DirectKeyframe:
     if near is not None:
         local_map.move_to_newest(near)
         return near
-    if not _is_in_sight(tracked):
+    if not _can_be_keyframe(tracked):
         return result.keyframe
     keyframe = make_keyframe(
         tracked.frame,
